@@ -23,9 +23,8 @@ from _timing import arguments, in_turn, print_table, timed
 
 import casswarm as csw
 from casswarm.formation import Auto
-from casswarm.formation.leader_selection import LEADER_SELECTION
 from casswarm.formation.objective import start_count
-from casswarm.formation.task import FormationTask, or_none
+from casswarm.formation.task import LEADER_SELECTION, FormationTask, or_none
 from casswarm.motion.step import Motion, Step
 from casswarm.nlp.program import Instances, Nlp
 from casswarm.policies import Decision, Policy

@@ -27,8 +27,7 @@ from batch import jax, recorded
 import casswarm as csw
 from casswarm.compiled import parallel as kernel_threads
 from casswarm.formation import Auto
-from casswarm.formation.leader_selection import LEADER_SELECTION
-from casswarm.formation.task import FormationTask
+from casswarm.formation.task import LEADER_SELECTION, FormationTask
 from casswarm.policies.formation_policies import formation_decision
 from casswarm.solvers import Ipopt
 

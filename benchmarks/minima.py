@@ -21,7 +21,7 @@ from _timing import arguments, print_table, timed
 import casswarm as csw
 from casswarm.formation import Auto
 from casswarm.formation.horizon_method import InteriorPoint
-from casswarm.formation.spectral import SpectralProjectedGradient
+from casswarm.formation.projected_gradient import SpectralProjectedGradient
 from casswarm.formation.task import corridor_formation, leader_formation
 from casswarm.motion.step import Motion, Step
 from casswarm.nlp.program import Instances, Nlp

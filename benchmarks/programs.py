@@ -26,7 +26,7 @@ from _timing import arguments, print_table, timed
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from backend_cases import guide
-from hock_schittkowski import STATEMENTS, published
+from hock_schittkowski import NUMBERS, published
 from window_cases import both, window
 
 from casswarm.nlp.program import Instances, Nlp
@@ -88,7 +88,7 @@ def own(count: int) -> Iterator[Row]:
 def of_hock_and_schittkowski(count: int) -> Iterator[Row]:
     """Published problems around their initial guesses, and the median ratio."""
     ratios = []
-    for number in sorted({*STATEMENTS, 1, 6, 7, 21, 35, 71}):
+    for number in NUMBERS:
         known = published(number)
         row = compared(
             f"HS{number}", known.nlp, around(known.instance, count, 0.1), max(5, count // 20)

@@ -27,9 +27,13 @@ from _timing import arguments, print_table, timed
 
 import casswarm as csw
 from casswarm.formation import Auto
-from casswarm.formation.leader_selection import LEADER_SELECTION
 from casswarm.formation.objective import CompiledObjective
-from casswarm.formation.task import Formation, corridor_formation, leader_formation
+from casswarm.formation.task import (
+    LEADER_SELECTION,
+    Formation,
+    corridor_formation,
+    leader_formation,
+)
 from casswarm.motion.step import Motion, Step
 
 SIZES = (5, 20, 50, 200, 1000)

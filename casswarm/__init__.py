@@ -28,7 +28,7 @@ _display.RENDERER = f"{__name__}.results.notebook_display"
 
 for _name, _target, _before in (
     ("auto", "auto:Auto", "interior-point"),
-    ("spectral", "spectral:SpectralProjectedGradient", "interior-point"),
+    ("spectral", "projected_gradient:SpectralProjectedGradient", "interior-point"),
     ("projected-gradient", "projected_gradient:ProjectedGradient", None),
 ):
     _register_solver(_name, f"{__name__}.formation.{_target}", before=_before)

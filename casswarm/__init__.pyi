@@ -1,8 +1,8 @@
 from . import comparison, figures, nlp, solvers
+from ._util.settings import Accuracy, Execution
 from .bounds.risk_bound import Certificate
 from .bounds.success_bound import SuccessBound, success_bound
-from .chain.distribution import OutcomeDistribution
-from .chain.stratified import Estimate
+from .chain.distribution import Estimate, OutcomeDistribution
 from .comparison import Comparison, Problem, Tolerances, compare, read_problems
 from .errors import (
     CasswarmError,
@@ -31,8 +31,14 @@ from .nlp.solution import Residuals, Solution, Status
 from .policies import Decision, ParametricPolicy, Policy, as_policy, make_policy
 from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
 from .solvers import Solver, make_solver
-from .studies.evaluation import OptimalValue, estimate, evaluate, optimal_value
-from .studies.policy_gradient import SuccessGradient, success_gradient
+from .studies.evaluation import (
+    OptimalValue,
+    SuccessGradient,
+    estimate,
+    evaluate,
+    optimal_value,
+    success_gradient,
+)
 from .studies.posed_problems import formation_problems, guide_problems
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
@@ -41,6 +47,7 @@ from .typing import Interval, Progress
 __version__: str
 
 __all__ = [
+    "Accuracy",
     "Candidate",
     "CasswarmError",
     "Certificate",
@@ -52,6 +59,7 @@ __all__ = [
     "Decision",
     "EnvError",
     "Estimate",
+    "Execution",
     "ExtraError",
     "FolderError",
     "Guide",

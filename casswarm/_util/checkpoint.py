@@ -11,7 +11,8 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -220,6 +221,19 @@ class Checkpoint:
     def finish(self) -> None:
         """Mark the study as finished: it may then be replaced without being asked for it."""
         atomic_write(self._records / "finished", b"")
+
+
+@contextmanager
+def opened(
+    folder: str | Path | None, inputs: Callable[[], Mapping[str, Any]], if_exists: IfExists
+) -> Iterator[Checkpoint | None]:
+    """Checkpoint of a study, which is finished if the block succeeds; None without a folder."""
+    if folder is None:
+        yield None
+        return
+    with Checkpoint(Path(folder), inputs(), if_exists) as store:
+        yield store
+        store.finish()
 
 
 def has_records(folder: Path, since: float = 0.0) -> bool:

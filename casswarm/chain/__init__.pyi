@@ -1,8 +1,7 @@
 from .confidence import Paired, required_runs, wilson
-from .exact import ExpansionOptions, StateSpaceExpansion
-from .monte_carlo import Chain, Purpose, RunTrajectory
-from .random_stream_kernels import write_uniforms
-from .stratified import Estimate, sample_residual
+from .distribution import Estimate
+from .exact import ExpansionOptions, StateSpaceExpansion, sample_residual
+from .monte_carlo import Chain, Purpose, RunTrajectory, uniforms, write_uniforms
 from .transition import Lattice
 
 __all__ = [
@@ -16,6 +15,7 @@ __all__ = [
     "StateSpaceExpansion",
     "required_runs",
     "sample_residual",
+    "uniforms",
     "wilson",
     "write_uniforms",
 ]

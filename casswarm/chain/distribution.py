@@ -1,4 +1,4 @@
-"""The outcome distribution of the chain under a policy, as lower and upper bounds."""
+"""Answers about the chain under a policy: proven bounds, and estimates that are sampled in part."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from .._util.display import Displayed
 from ..typing import FloatArray, Interval
+from .confidence import LEVEL, stratified_interval
 
 
 class Band(NamedTuple):
@@ -127,4 +128,65 @@ class OutcomeDistribution(Displayed):
             f"state budget exhausted before a width of {self.tolerance:g} was reached: allow more "
             "states (--max-states, max_states=), sample the residual mass (--runs, csw.estimate), "
             "or round the motion to a coarser lattice (--aggregation-tol, aggregation_tol=)"
+        )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Success probability of which one part is proven and the other statistical.
+
+    Parameters
+    ----------
+    enumerated : OutcomeDistribution
+        The proven part: its bounds hold with certainty.
+    sampled_mass : float
+        Mass of the states that were sampled.
+    pruned_mass : float
+        Mass that was neither enumerated nor sampled; it widens the interval.
+    runs, successes : int
+        Numbers of sampled runs, and of those that succeeded.
+    effective_runs : float
+        Number of independent runs with the same variance, at least `runs`.
+    seed : int
+    states : int
+        Distinct states solved, enumerated or sampled.
+    level : float
+        Confidence level of the interval.
+    """
+
+    enumerated: OutcomeDistribution
+    sampled_mass: float
+    pruned_mass: float
+    runs: int
+    successes: int
+    effective_runs: float
+    seed: int
+    states: int
+    level: float = LEVEL
+
+    @property
+    def success(self) -> Interval:
+        """Interval of the success probability, of confidence `level`."""
+        low, high = self.enumerated.success
+        if not self.runs:
+            return Interval(low, high)
+        bottom, top = stratified_interval(
+            self.successes, self.runs, self.effective_runs, self.level
+        )
+        top = low + self.sampled_mass * top + self.pruned_mass
+        return Interval(low + self.sampled_mass * bottom, min(1.0, top))
+
+    @property
+    def policy(self) -> str:
+        """Name of the policy."""
+        return self.enumerated.policy
+
+    def __str__(self) -> str:
+        low, high = self.success
+        first, last = self.enumerated.success
+        return (
+            f"{self.policy}: success between {low:.6f} and {high:.6f} with {self.level:.0%} "
+            f"confidence; proven bounds: {first:.6f} to {last:.6f}; residual mass "
+            f"{self.sampled_mass:.4g} sampled by {self.runs} runs, {self.states} distinct states "
+            "solved"
         )

@@ -1,24 +1,29 @@
-"""Exact evaluation of the controlled Markov chain: outcome distributions without sampling.
+"""Enumeration of the controlled Markov chain: outcome distributions without sampling.
 
 Distinct states (positions, previous velocities, living members) carry probabilities. A step solves
-every state once and splits it by which members survive. States are expanded most probable first, in
-rounds of decreasing thresholds, until the residual mass is within tolerance (``docs/chain.md``).
+every state once and splits it by which members survive. `StateSpaceExpansion.expand` takes the most
+probable states first, in rounds of decreasing thresholds, until the residual mass is within
+tolerance; `sample_residual` samples the states that it leaves (``docs/chain.md``).
+`StateSpaceExpansion.layers` goes through the steps once and keeps the edges between the states, for
+derivatives (``docs/policy-gradients.md``).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..policies.base import Policy
-from ..typing import BoolArray, FloatArray, Progress
-from .distribution import OutcomeDistribution
-from .outcome_kernels import Outcomes, Totals
-from .states import Frontier, States, outcomes
-from .transition import Lattice, transition
+from ..typing import BoolArray, FloatArray, IntArray, Progress
+from .confidence import effective_runs
+from .distribution import Estimate, OutcomeDistribution
+from .monte_carlo import Chain, Purpose, uniforms
+from .states import Frontier, Outcomes, States, Step, Totals, outcomes
+from .transition import Lattice, Transition, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -31,6 +36,10 @@ MAX_FACTOR = 8.0  # between the thresholds of successive rounds
 PRUNING_FACTOR = 1e-3  # outcomes less probable than this, in thresholds, are pruned
 BATCH = 1 << 16  # members solved at once: bounds memory
 MAX_BYTES = 1 << 28  # of the states of the frontier
+
+_BINS = 4400  # of masses
+_BEFORE_MERGING = 0.1  # of the mass that may be left out: before equal outcomes are identified
+_PER_STATE = 32  # largest number of outcomes before that, per state that may be followed
 
 
 @dataclass(frozen=True)
@@ -57,6 +66,24 @@ class ExpansionOptions:
     lattice: Lattice | None = None
     max_pruned_fraction: float = math.inf
     min_probability: float = 0.0
+
+
+class Edges(NamedTuple):
+    """K outcomes of S states in which the run goes on, in the order of their states."""
+
+    starts: IntArray  # (S+1,) range of every state's outcomes
+    survived: BoolArray  # (K, n)
+    children: IntArray  # (K,) state after the step that an outcome leads to; -1 if left out
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """States of a step that are followed, and where they lead."""
+
+    states: States
+    move: Transition
+    step: Step
+    edges: Edges
 
 
 class StateSpaceExpansion:
@@ -174,12 +201,17 @@ class StateSpaceExpansion:
             selected[np.argsort(-weights, kind="stable")[:budget]] = True
         return selected
 
-    def _expand_states(self, step: int, states: States, threshold: float) -> None:
-        """Solve states of a step, and add their outcomes to the frontier or the statistics."""
+    def _solve(self, step: int, states: States) -> Transition:
+        """Solve states of a step, and count them."""
         move = transition(self.scenario, self.policy, step, states, self.options.lattice)
         self.solved += len(states)
         self.infeasible += float(states.weights @ move.counts["infeasible"])
         self.failures += float(states.weights @ move.counts["solver_failures"])
+        return move
+
+    def _expand_states(self, step: int, states: States, threshold: float) -> None:
+        """Solve states of a step, and add their outcomes to the frontier or the statistics."""
+        move = self._solve(step, states)
         totals = Totals.zeros(*states.alive.shape)._replace(
             population=self.population[step + 1], members=self.members
         )
@@ -211,6 +243,44 @@ class StateSpaceExpansion:
     def _max_stored(self) -> int:
         """Largest number of states in the frontier."""
         return max(1024, MAX_BYTES // (33 * self.scenario.n + 8))
+
+    def layers(self, absorption: Callable[[Transition], FloatArray]) -> tuple[list[Layer], float]:
+        """Expand every step once, and keep the edges; if not all states fit, the most probable.
+
+        Parameters
+        ----------
+        absorption : callable
+            A transition to the probabilities (S, n) that surviving members are absorbed.
+
+        Returns
+        -------
+        layers : list of Layer
+        residual_mass : float
+            Mass that was left out.
+        """
+        layers: list[Layer] = []
+        residual, steps = 0.0, self.scenario.n_steps
+        (states,) = self.frontier.pop(0)
+        for t in range(steps):
+            move = self._solve(t, states)
+            later = steps - 1 - t
+            share = (self.options.tolerance - residual) / later if later else 1.0
+            limit = max(0, self.options.max_states - self.solved) // later if later else 0
+            step = move.step(states, absorption(move))
+            probable, pruned = _probable_outcomes(step, _BEFORE_MERGING * share, _PER_STATE * limit)
+            following, children = move.following(*probable).aggregated()
+            masses = _Masses()
+            bins = masses.add(following.weights)
+            last, dropped = masses.last(share - pruned, limit)
+            kept = bins <= last
+            children = np.where(kept, np.cumsum(kept) - 1, -1)[children]
+            starts = np.searchsorted(probable.parents, np.arange(len(states) + 1))
+            layers.append(Layer(states, move, step, Edges(starts, probable.survived, children)))
+            residual += pruned + dropped if later else 0.0  # after the last step nobody arrives
+            states = following[kept]
+            if not len(states):
+                break
+        return layers, residual
 
     def distribution(self) -> OutcomeDistribution:
         """Bounds of the distribution, from what is enumerated so far."""
@@ -251,3 +321,100 @@ def _next_threshold(
     factor = (mass / (0.9 * tolerance)) ** (1.0 / mass_exponent) if tolerance > 0 else math.inf
     budget = (max_states / max(1, states)) ** (1.0 / states_exponent)
     return threshold / max(1.2, float(min(factor, budget, MAX_FACTOR)))
+
+
+def _bins(masses: FloatArray) -> IntArray:
+    """Bins of masses: bin b has those from 2^(-(b + 1) / 4), exclusively, to 2^(-b / 4)."""
+    bins = np.floor(-4.0 * np.log2(masses)).astype(np.int64)
+    return np.minimum(np.maximum(bins, 0), _BINS - 1)
+
+
+class _Masses:
+    """Numbers and sums of positive masses by bins.
+
+    Whole bins are left out, so that what is followed does not depend on the order of equal states.
+    """
+
+    def __init__(self) -> None:
+        self.counts, self.sums = np.zeros(_BINS, np.int64), np.zeros(_BINS)
+
+    def add(self, masses: FloatArray) -> IntArray:
+        """Add masses, one after the other, and return their bins: see `_bins`."""
+        bins = _bins(masses)
+        self.counts += np.bincount(bins, minlength=_BINS)
+        np.add.at(self.sums, bins, masses)
+        return bins
+
+    def last(self, share: float, limit: int) -> tuple[int, float]:
+        """Last bin that is followed, and the mass in all bins after it.
+
+        At most `share` is left out unless more than `limit` masses would be followed.
+        """
+        after = np.append(self.sums[::-1].cumsum()[::-1], 0.0)[1:]  # in the bins after each
+        allowed = int((self.counts.cumsum() <= limit).sum()) - 1
+        last = min(int((after <= share).argmax()), allowed)
+        return last, float(after[last]) if last >= 0 else float(self.sums.sum())
+
+
+def _probable_outcomes(step: Step, share: float, limit: int) -> tuple[Outcomes, float]:
+    """Outcomes in which the run goes on, by `_Masses.last`, and the mass of the others."""
+    found, number, totals = _Masses(), 0, Totals.zeros(*step.alive.shape)
+    for batch in outcomes(step, totals):
+        found.add(batch.masses)
+        number += 1
+    last, left_out = found.last(share, limit)
+    # more than a batch would take too much memory: they are enumerated once more
+    least = (1.0 - 1e-12) * 2.0 ** (-(last + 1) / 4)  # below bin `last` by no more than rounding
+    chosen = []
+    for again in [batch] if number == 1 else outcomes(step, totals, least):
+        rows = np.flatnonzero(_bins(again.masses) <= last)
+        chosen.append([array.take(rows, axis=0) for array in again])
+    return Outcomes._make(map(np.concatenate, zip(*chosen, strict=True))), left_out
+
+
+def sample_residual(expansion: StateSpaceExpansion, chain: Chain, runs: int) -> Estimate:
+    """Sample the states that an expansion left.
+
+    States of total mass M are left in the frontier. They are divided into R strata of equal mass,
+    ordered by living members and step so that neighbouring strata are alike, and one run is sampled
+    from every stratum. M times the `stratified_interval` is the contribution of the residual mass;
+    outcomes too improbable to be stored contribute [0, their mass]. Why that interval is valid and
+    narrower: ``docs/chain.md``.
+
+    Parameters
+    ----------
+    expansion : StateSpaceExpansion
+    chain : Chain
+        Chain of the same scenario; its seed determines the sample.
+    runs : int
+        R.
+    """
+    distribution, pruned = expansion.distribution(), float(expansion.pruned.sum())
+    batches = [
+        (step, batch)
+        for frontier in (expansion.frontier, expansion.unsplit)
+        for step, batches in enumerate(frontier.batches)
+        for batch in batches
+    ]
+    if not batches:
+        return Estimate(distribution, 0.0, pruned, 0, 0, 0.0, chain.seed, expansion.solved)
+    states = States.concatenate([batch for _, batch in batches])
+    steps = np.concatenate([np.full(len(batch), step) for step, batch in batches])
+    order = np.lexsort((steps, states.alive.sum(axis=1)))
+    states, steps = states[order], steps[order]
+    ends = np.cumsum(states.weights)
+    jitter = uniforms(chain.seed, 0, 0, runs, 1, Purpose.STRATA)[:, 0]
+    masses = (np.arange(runs) + jitter) / runs * ends[-1]
+    selected = np.minimum(np.searchsorted(ends, masses, side="right"), len(states) - 1)
+    sample = chain.finish(expansion.policy, states[selected], steps[selected])
+    arrived = sample.arrival >= 0
+    return Estimate(
+        distribution,
+        float(ends[-1]),
+        pruned,
+        runs,
+        int(arrived.sum()),
+        effective_runs(arrived) if len(states) > 1 else float(runs),
+        chain.seed,
+        expansion.solved + sample.states,
+    )

@@ -1,203 +1,93 @@
-"""The success of a policy and its gradient, along all histories of losses that are followed.
+"""The success of a policy and its gradient, by an adjoint recursion over the layers of states.
 
 For every history of losses, the states and their probabilities are smooth functions of the
-parameters, but for kinks of measure zero. A forward sweep enumerates the states, step by step; a
-backward sweep gives the value of every state and its derivatives (the adjoint recursion of
-``docs/policy-gradients.md``). Equal states are one state: the value of a state does not depend on
-how it was reached.
+parameters, but for kinks of measure zero. A forward sweep enumerates the states, step by step
+(`StateSpaceExpansion.layers`); a backward sweep gives the value of every state and its derivatives
+(the adjoint recursion of ``docs/policy-gradients.md``). Equal states are one state: the value of a
+state does not depend on how it was reached.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from .._util.threads import locked_cache
+from ..compiled.kernels import allocating_kernel, kernel
 from ..hazard import Hazard
 from ..policies.parametric import BatchFunction, ParametricPolicy
 from ..typing import BoolArray, FloatArray, IntArray
-from . import gradient_kernels as kernels
-from .outcome_kernels import Outcomes, Step, Totals
-from .states import States, outcomes
-from .transition import Lattice, Transition, transition
+from .exact import Edges, Layer, StateSpaceExpansion
+from .states import Step
+from .transition import Transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-_BEFORE_MERGING = 0.1
-"""Share of what may be left out that outcomes may have before equal ones are identified."""
 
-_PER_STATE = 32
-"""Largest number of outcomes before that, per state that may be followed."""
+class Values(NamedTuple):
+    """Values of S states, and derivatives of the objective."""
+
+    objective: FloatArray  # (S,) probability of being absorbed, of what is followed
+    success: FloatArray  # (S,) probability of an arrival in the target, of what is followed
+    positions: FloatArray  # (S, n, 2) derivatives with respect to X(t)
+    velocities: FloatArray  # (S, n, 2) and with respect to V(t-1)
 
 
-@dataclass(frozen=True)
-class FollowingOptions:
-    """What is followed, and how arrivals are counted.
+class Adjoints(NamedTuple):
+    """Derivatives of the objective of S states with respect to what happens in their step."""
+
+    survival: FloatArray  # (S, n)
+    arrival: FloatArray  # (S, n)
+    positions: FloatArray  # (S, n, 2) X(t+1), as far as the states after the step depend on it
+    velocities: FloatArray  # (S, n, 2) V(t), likewise
+
+
+class Scratch(NamedTuple):
+    """Of a state with k living members and its 2^k - 1 outcomes in which the run goes on.
+
+    The number of an outcome has bit j set if the j-th living member survives.
+    """
+
+    members: IntArray  # (n,) the living ones
+    stays: FloatArray  # (n,) probability that each survives and moves on
+    leaves: FloatArray  # (n,) is destroyed
+    absorbed: FloatArray  # (n,) is absorbed
+    levels: FloatArray  # (n+1, 2^n) values of the outcomes of the members up to each
+    weights: FloatArray  # (n+1, 2^n) and their probabilities
+    numbers: IntArray  # (2^n,) of the outcomes that are followed
+
+
+def success_and_gradient(
+    expansion: StateSpaceExpansion, policy: ParametricPolicy, arrival_smoothing: float
+) -> tuple[float, float, FloatArray, float]:
+    """Objective, success, gradient (p,) of the objective, and the mass that is not followed.
 
     Parameters
     ----------
-    tolerance : float
-        Probability mass that may be left out.
-    max_states : int
-        Maximum number of states; more is left out where it does not suffice.
+    expansion : StateSpaceExpansion
+        New; of the policy.
+    policy : ParametricPolicy
     arrival_smoothing : float
         w: a member at the distance d from the target's centre is absorbed with a probability that
         increases smoothly from 0 at d = R, the radius, to 1 at d = R - w. With 0 all members in the
-        target are absorbed.
-    lattice : Lattice, optional
-        Lattice of the positions, on which nearly equal states become equal. Rounding to it is
-        differentiated as if it were none.
+        target are absorbed. Rounding to a lattice is differentiated as if it were none.
     """
+    scenario, gradient = expansion.scenario, np.zeros_like(policy.parameters)
 
-    tolerance: float
-    max_states: int
-    arrival_smoothing: float = 0.0
-    lattice: Lattice | None = None
+    def absorption(move: Transition) -> tuple[FloatArray, FloatArray]:
+        return _absorption(scenario, move, arrival_smoothing)
 
-
-@dataclass(frozen=True, eq=False)
-class FollowedStep:
-    """The states of a step that are followed, and where they lead.
-
-    Parameters
-    ----------
-    states : States
-    move : Transition
-    step : Step
-    arrival_slopes : (S, n, 2)
-        Derivatives of the probabilities of absorption with respect to X(t+1).
-    edges : Edges
-    """
-
-    states: States
-    move: Transition
-    step: Step
-    arrival_slopes: FloatArray
-    edges: kernels.Edges
-
-
-@dataclass(frozen=True, eq=False)
-class FollowedTree:
-    """All states that are followed, and the mass of those that are not."""
-
-    steps: list[FollowedStep]
-    residual_mass: float
-
-    @classmethod
-    def of(
-        cls,
-        scenario: Scenario,
-        policy: ParametricPolicy,
-        initial_velocities: FloatArray,
-        options: FollowingOptions,
-    ) -> FollowedTree:
-        """Enumerate the states of a policy, the most probable ones if not all can be followed."""
-        steps: list[FollowedStep] = []
-        residual, count = 0.0, 0
-        states = States.initial(scenario, initial_velocities)
-        for step in range(scenario.n_steps):
-            count += len(states)
-            following = scenario.n_steps - 1 - step
-            share = (options.tolerance - residual) / following if following else 1.0
-            limit = max(0, options.max_states - count) // following if following else 0
-            move = transition(scenario, policy, step, states, options.lattice)
-            absorption = _absorption(scenario, move, options.arrival_smoothing)
-            followed, states, left_out = _advance(states, move, absorption, share, limit)
-            steps.append(followed)
-            residual += left_out if following else 0.0  # after the last step nobody arrives
-            if not len(states):
-                break
-        return cls(steps, residual)
-
-    def gradient(
-        self, scenario: Scenario, policy: ParametricPolicy
-    ) -> tuple[float, float, FloatArray]:
-        """Objective and success of what is followed, and the gradient (p,) of the objective."""
-        n = scenario.n
-        after = kernels.Values(*np.zeros((2, 0)), *np.zeros((2, 0, n, 2)))
-        gradient = np.zeros_like(policy.parameters)
-        for step in range(len(self.steps) - 1, -1, -1):
-            after, of_step = _backward(scenario, policy, step, self.steps[step], after)
-            gradient += of_step
-        return float(after.objective[0]), float(after.success[0]), gradient
-
-    @property
-    def states(self) -> int:
-        """Number of states."""
-        return sum(len(step.states) for step in self.steps)
-
-
-def _advance(
-    states: States,
-    move: Transition,
-    absorption: tuple[FloatArray, FloatArray],
-    share: float,
-    limit: int,
-) -> tuple[FollowedStep, States, float]:
-    """The step of states, the states after it that are followed, and the mass that is not.
-
-    At most `share` is left out unless more than `limit` states would be followed.
-    """
-    step = move.step(states, absorption[0])
-    probable, left_out = _probable_outcomes(step, _BEFORE_MERGING * share, _PER_STATE * limit)
-    following, children = move.following(*probable).aggregated()
-    kept, dropped = _kept(following.weights, share - left_out, limit)
-    children = np.where(kept, np.cumsum(kept) - 1, -1)[children]
-    starts = np.searchsorted(probable.parents, np.arange(len(states) + 1))
-    edges = kernels.Edges(starts, probable.survived, children)
-    followed = FollowedStep(states, move, step, absorption[1], edges)
-    return followed, following[kept], left_out + dropped
-
-
-def _probable_outcomes(step: Step, share: float, limit: int) -> tuple[Outcomes, float]:
-    """Outcomes in which the run goes on, as `_kept` chooses them, and the mass of the others."""
-    counts, sums = np.zeros(kernels.BINS, np.int64), np.zeros(kernels.BINS)
-    number, totals = 0, Totals.zeros(*step.alive.shape)
-    for batch in outcomes(step, totals):
-        kernels.count_masses(batch.masses, counts, sums)
-        number += 1
-    last, left_out = _last_bin(counts, sums, share, limit)
-    # more than a batch would take too much memory: they are enumerated once more
-    batches = [batch] if number == 1 else outcomes(step, totals, kernels.least_mass(last))
-    chosen = []
-    for batch in batches:
-        rows = np.flatnonzero(_flags(batch.masses, last))
-        chosen.append(Outcomes._make(array.take(rows, axis=0) for array in batch))
-    if len(chosen) > 1:
-        chosen = [Outcomes._make(map(np.concatenate, zip(*chosen, strict=True)))]
-    return chosen[0], left_out
-
-
-def _kept(masses: FloatArray, share: float, limit: int) -> tuple[BoolArray, float]:
-    """Which states (S,) are followed, and the mass of the others; see `_advance`."""
-    counts, sums = np.zeros(kernels.BINS, np.int64), np.zeros(kernels.BINS)
-    kernels.count_masses(masses, counts, sums)
-    last, left_out = _last_bin(counts, sums, share, limit)
-    return _flags(masses, last), left_out
-
-
-def _flags(masses: FloatArray, last: int) -> BoolArray:
-    """Which masses are in bins up to `last`."""
-    flags = np.empty(len(masses), bool)
-    kernels.flag_masses(masses, last, flags)
-    return flags
-
-
-def _last_bin(counts: IntArray, sums: FloatArray, share: float, limit: int) -> tuple[int, float]:
-    """The last bin that is followed, and the mass in all bins after it.
-
-    Whole bins are left out, so that what is followed does not depend on the order of equal states.
-    """
-    after = np.append(sums[::-1].cumsum()[::-1], 0.0)[1:]  # in the bins after each
-    needless = after <= share
-    last = int(needless.argmax())
-    allowed = int((counts.cumsum() <= limit).sum()) - 1
-    last = min(last, allowed)
-    return last, float(after[last]) if last >= 0 else float(sums.sum())
+    layers, residual = expansion.layers(lambda move: absorption(move)[0])
+    after = Values(*np.zeros((2, 0)), *np.zeros((2, 0, scenario.n, 2)))
+    for step, layer in reversed(list(enumerate(layers))):
+        slopes = absorption(layer.move)[1]
+        after, of_step = _backward(scenario, policy, step, layer, slopes, after)
+        gradient += of_step
+    return float(after.objective[0]), float(after.success[0]), gradient, residual
 
 
 def _absorption(
@@ -218,18 +108,19 @@ def _backward(
     scenario: Scenario,
     policy: ParametricPolicy,
     step: int,
-    followed: FollowedStep,
-    after: kernels.Values,
-) -> tuple[kernels.Values, FloatArray]:
+    layer: Layer,
+    slopes: FloatArray,
+    after: Values,
+) -> tuple[Values, FloatArray]:
     """Values of the states of a step, and this step's part of the gradient (p,)."""
-    states, move, dt = followed.states, followed.move, scenario.time.dt
+    states, move, dt = layer.states, layer.move, scenario.time.dt
     shape = states.positions.shape
-    by = kernels.Adjoints(*np.zeros((2, *shape[:2])), *np.zeros((2, *shape)))
-    before = kernels.Values(*np.empty((2, len(states))), *np.empty((2, 0, 0, 2)))
-    kernels.backward(followed.step, move.inside, followed.edges, after, before, by)
+    by = Adjoints(*np.zeros((2, *shape[:2])), *np.zeros((2, *shape)))
+    before = Values(*np.empty((2, len(states))), *np.empty((2, 0, 0, 2)))
+    backward(layer.step, move.inside, layer.edges, after, before, by)
     to_rates = -dt * move.survival * by.survival
-    to_positions = by.positions + by.arrival[..., None] * followed.arrival_slopes
-    to_positions += rates_adjoint(scenario.hazard, move.positions, states.alive, to_rates)
+    to_positions = by.positions + by.arrival[..., None] * slopes
+    to_positions += _rates_adjoint(scenario.hazard, move.positions, states.alive, to_rates)
     seeds = by.velocities + dt * to_positions
     state = states.positions, states.previous_velocities, states.alive
     to_commanded, to_previous = policy.project_adjoint(step, state, seeds)
@@ -240,20 +131,130 @@ def _backward(
     return before._replace(positions=positions, velocities=velocities), gradient
 
 
-def rates_adjoint(
+def _rates_adjoint(
     hazard: Hazard, positions: FloatArray, alive: BoolArray, seeds: FloatArray
 ) -> FloatArray:
     """Derivatives of the sum of seeds (B, n) times rates with respect to positions, (B, n, 2)."""
     batch = len(alive)
     columns = (positions.reshape(batch, -1).T, alive.T.astype(float), (seeds * alive).T)
-    (derivatives,) = _rates_adjoint(hazard, alive.shape[1])(*columns)
+    (derivatives,) = _adjoint_function(hazard, alive.shape[1])(*columns)
     return derivatives.T.reshape(positions.shape)
 
 
 @locked_cache(maxsize=64)
-def _rates_adjoint(hazard: Hazard, n: int) -> BatchFunction:
+def _adjoint_function(hazard: Hazard, n: int) -> BatchFunction:
     positions, alive = ca.MX.sym("positions", 2 * n), ca.MX.sym("alive", n)
     seeds = ca.MX.sym("seeds", n)
     rates = hazard.expression(ca.reshape(positions, 2, n), alive.T)
     derivatives = ca.jtimes(ca.vec(rates), positions, seeds, True)
     return BatchFunction.of([positions, alive, seeds], [derivatives])
+
+
+@kernel
+def weigh(step: Step, arrival: NDArray[Any], s: int, scratch: Scratch) -> int:
+    """Write the members of state s and what happens to each; their number k.
+
+    `arrival` (S, n) has the probabilities that members are absorbed if they survive.
+    """
+    k = 0
+    for i in range(step.alive.shape[1]):
+        if step.alive[s, i]:
+            p, a = step.survival[s, i], arrival[s, i]
+            scratch.members[k] = i
+            scratch.stays[k], scratch.leaves[k] = p * (1.0 - a), 1.0 - p
+            scratch.absorbed[k] = p * a
+            k += 1
+    return k
+
+
+@kernel
+def fold(k: int, scratch: Scratch) -> float:
+    """Probability that a member is absorbed, now or later, given the values of the outcomes.
+
+    The values of the outcomes in which k members move on are ``levels[k]`` (2^k,). Level d is the
+    expectation over the members from d on, level 0 that over all.
+    """
+    levels, nobody = scratch.levels, 1.0
+    for d in range(k - 1, -1, -1):
+        size, nobody = 1 << d, nobody * (1.0 - scratch.absorbed[d])
+        for o in range(size):
+            stays, leaves = levels[d + 1, size + o], levels[d + 1, o]
+            levels[d, o] = scratch.stays[d] * stays + scratch.leaves[d] * leaves
+    return float(1.0 - nobody + levels[0, 0])
+
+
+@kernel
+def unfold(k: int, arrival: FloatArray, s: int, scratch: Scratch, by: Adjoints) -> None:
+    """Write the derivatives by the probabilities of state s, and the weights of its outcomes."""
+    levels, weights = scratch.levels, scratch.weights
+    weights[0, 0] = 1.0
+    for j in range(k):
+        i, size, to_stay, to_leave = scratch.members[j], 1 << j, 0.0, 0.0
+        for o in range(size):
+            to_stay += weights[j, o] * levels[j + 1, size + o]
+            to_leave += weights[j, o] * levels[j + 1, o]
+            weights[j + 1, size + o] = weights[j, o] * scratch.stays[j]
+            weights[j + 1, o] = weights[j, o] * scratch.leaves[j]
+        others = 1.0  # nobody else is absorbed
+        for m in range(k):
+            if m != j:
+                others *= 1.0 - scratch.absorbed[m]
+        a = arrival[s, i]
+        by.survival[s, i] = (1.0 - a) * to_stay - to_leave + a * others
+        by.arrival[s, i] = (1.0 - scratch.leaves[j]) * (others - to_stay)
+
+
+@kernel
+def number_outcomes(edges: Edges, s: int, k: int, scratch: Scratch) -> int:
+    """Write the numbers of the outcomes of state s, which has k members; return how many."""
+    start, stop = edges.starts[s], edges.starts[s + 1]
+    for c in range(start, stop):
+        number = 0
+        for j in range(k):
+            number |= int(edges.survived[c, scratch.members[j]]) << j
+        scratch.numbers[c - start] = number
+    return int(stop - start)
+
+
+@allocating_kernel
+def backward(
+    step: Step, inside: BoolArray, edges: Edges, after: Values, to: Values, by: Adjoints
+) -> None:
+    """Write the values of S states before a step, and the derivatives with respect to their moves.
+
+    `inside` (S, n) are the members in the target after the step, and `after` the values of the
+    states after it. Written are `objective` and `success` of `to`, and `by`, zeros.
+    """
+    n = step.alive.shape[1]
+    scratch = Scratch(
+        np.empty(n, np.int64),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.zeros((n + 1, 1 << n)),
+        np.empty((n + 1, 1 << n)),
+        np.empty(1 << n, np.int64),
+    )
+    for s in range(step.weights.size):
+        k, start, numbers = weigh(step, inside, s, scratch), edges.starts[s], scratch.numbers
+        children = edges.children[start : start + number_outcomes(edges, s, k, scratch)]
+        leaf = scratch.levels[k]
+        leaf[: 1 << k] = 0.0
+        for c in range(children.size):
+            if children[c] >= 0:
+                leaf[numbers[c]] = after.success[children[c]]
+        to.success[s] = fold(k, scratch)
+        weigh(step, step.arrival, s, scratch)
+        for c in range(children.size):
+            if children[c] >= 0:
+                leaf[numbers[c]] = after.objective[children[c]]
+        to.objective[s] = fold(k, scratch)
+        unfold(k, step.arrival, s, scratch, by)
+        for c in range(children.size):
+            if children[c] >= 0:
+                weight, child = scratch.weights[k, numbers[c]], children[c]
+                for i in range(n):
+                    if edges.survived[start + c, i]:
+                        for axis in range(2):
+                            by.positions[s, i, axis] += weight * after.positions[child, i, axis]
+                            by.velocities[s, i, axis] += weight * after.velocities[child, i, axis]

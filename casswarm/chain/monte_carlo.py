@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled.kernels import kernel
 from ..policies.base import Policy, policy_call
 from ..typing import BoolArray, FloatArray, IntArray, Progress
-from .states import States, distinct_survivors
+from .states import States, distinct_states
 from .transition import COUNTS, Lattice, Transition, transition
 
 if TYPE_CHECKING:
@@ -27,6 +28,14 @@ if TYPE_CHECKING:
 
 _WORDS = 4  # numbers a Philox counter yields
 _STEP_BITS = 56  # of the word of the key that holds purpose and step
+
+# Philox-4x64-10 as in Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3",
+# SC11, 2011, section 3.3, with the counter and the conversion to doubles of NumPy's Philox
+_MULTIPLIERS = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
+_WEYL = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
+_LOW, _HALF, _DISCARDED = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(11)
+_ROUNDS = 10
+_UNIT = 2.0**-53
 
 
 class Purpose(IntEnum):
@@ -42,12 +51,11 @@ def uniforms(
 ) -> FloatArray:
     """Uniform numbers in [0, 1) of a step, for the runs `first`, ..., `first` + `runs` - 1.
 
-    A counter-based generator (Philox-4x64: Salmon, Moraes, Dror, Shaw, SC11, 2011) whose key is
-    the seed in one word, and the purpose and the step in the other, with a fixed block of counters
-    for every run. Different (seed, purpose, step) are different keys, so no two streams are the
-    same. A number depends only on the seed, the purpose, the step, the run, the member and the
-    number of members: it is the same under every policy (common random numbers), for every
-    horizon, in every batch, on every worker.
+    A counter-based generator (Philox-4x64) whose key is the seed in one word, and the purpose and
+    the step in the other, with a fixed block of counters for every run. Different (seed, purpose,
+    step) are different keys, so no two streams are the same. A number depends only on the seed, the
+    purpose, the step, the run, the member and the number of members: it is the same under every
+    policy (common random numbers), for every horizon, in every batch, on every worker.
 
     Parameters
     ----------
@@ -67,6 +75,43 @@ def uniforms(
     key = np.array([seed, purpose << _STEP_BITS | step], np.uint64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=first * blocks))
     return generator.random((runs, blocks * _WORDS))[:, :members]
+
+
+@kernel
+def high_product(a: Any, b: Any) -> Any:
+    """The upper 64 bits of the product of two unsigned 64-bit integers."""
+    a_low, a_high, b_low, b_high = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
+    middle = a_high * b_low + (a_low * b_low >> _HALF)
+    other = a_low * b_high + (middle & _LOW)
+    return a_high * b_high + (middle >> _HALF) + (other >> _HALF)
+
+
+@kernel
+def write_uniforms(seed: Any, purpose_and_step: Any, run: Any, draws: FloatArray) -> None:
+    """Write the uniform numbers (n,) of a run's members, equal to those of `uniforms`.
+
+    All integers are unsigned; `purpose_and_step` is the second word of the generator's key.
+    """
+    blocks = np.uint64((draws.size + 3) // 4)
+    for block in range(blocks):
+        # the generator counts up before it draws
+        c0, c1 = run * blocks + np.uint64(block) + np.uint64(1), np.uint64(0)
+        c2, c3, k0, k1 = np.uint64(0), np.uint64(0), seed, purpose_and_step
+        for _ in range(_ROUNDS):
+            h0, h1 = high_product(_MULTIPLIERS[0], c0), high_product(_MULTIPLIERS[1], c2)
+            low0, low1 = _MULTIPLIERS[0] * c0, _MULTIPLIERS[1] * c2
+            c0, c1, c2, c3 = h1 ^ c1 ^ k0, low1, h0 ^ c3 ^ k1, low0
+            k0, k1 = k0 + _WEYL[0], k1 + _WEYL[1]
+        first = 4 * block
+        for word in range(min(4, draws.size - first)):
+            bits = c0
+            if word == 1:
+                bits = c1
+            elif word == 2:
+                bits = c2
+            elif word == 3:
+                bits = c3
+            draws[first + word] = (bits >> _DISCARDED) * _UNIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,9 +399,9 @@ class _RunBatch:
             if count.any():
                 self.counts[name][active] += count[rows]
         survival = np.where(self.table.alive, move.survival, 0.0)
-        first, child = distinct_survivors(active, rows, draws, survival)
-        parent = rows[first]
-        alive = draws[active[first]] < survival[parent]  # of the distinct states that follow
+        alive = draws[active] < survival[rows]
+        first, child = distinct_states(rows, np.packbits(alive, axis=1))
+        parent, alive = rows[first], alive[first]  # of the distinct states that follow
         arrived = (alive & move.inside[parent]).any(axis=1)
         self.record(policy, step, active, move, alive[child[: self.recorder.runs]])
         self.steps[active] = step + 1

@@ -31,8 +31,7 @@ from ..motion.planar import PlanarSets
 from ..motion.step import Motion
 from ..policies.base import Policy, checked_velocities
 from ..typing import BoolArray, FloatArray, IntArray
-from .outcome_kernels import Step
-from .states import States
+from .states import States, Step
 
 if TYPE_CHECKING:
     from ..guide.guide import Guide

@@ -13,7 +13,7 @@ import numpy as np
 from .._util.files import atomic_write
 from .._util.text import counted
 from ..errors import ComparisonError, ProblemError
-from ..nlp import cutest
+from ..nlp import black_box
 from ..nlp.conversion import START, from_dictionary, from_stack, require_solvable
 from ..nlp.nl_reader import read_nl
 from ..nlp.nl_writer import nl_text
@@ -166,7 +166,7 @@ class Problem:
             PyCUTEst is not installed, or does not find CUTEst; it cannot import the problem; the
             problem has integer variables; or it is refused as in `from_casadi`.
         """
-        program, starts = cutest.from_pycutest(problem, parameters, name)
+        program, starts = black_box.from_pycutest(problem, parameters, name)
         return cls(program.name, family, program, starts)
 
     @classmethod
@@ -191,7 +191,7 @@ class Problem:
             It is no such problem, has integer variables or no exact second derivatives, or is
             refused as in `from_casadi`.
         """
-        program, starts = cutest.from_s2mpj(problem, name)
+        program, starts = black_box.from_s2mpj(problem, name)
         return cls(program.name, family, program, starts)
 
     def to_nl(self, path: str | Path, start: str | None = None) -> None:

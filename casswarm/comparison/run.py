@@ -20,10 +20,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pandas as pd
+from typing_extensions import Unpack
 
-from .._util.checkpoint import Checkpoint, IfExists, file_name
+from .._util.checkpoint import Checkpoint, file_name
 from .._util.numbers import require_seed
 from .._util.progress import reporter
+from .._util.settings import SAVED, Execution, SavedKeywords, given_values
 from .._util.user_code import code_hash
 from ..errors import ComparisonError, SolverError
 from ..nlp.program import Instances, Nlp
@@ -203,12 +205,10 @@ def compare(
     count: int | None = None,
     copies: int = 0,
     seed: int = 0,
-    time_limit: float = TIME_LIMIT,
     tolerances: Tolerances | None = None,
     record_iterates: bool = True,
-    checkpoint: str | Path | None = None,
-    if_exists: IfExists = "error",
-    progress: Progress | bool | None = None,
+    execution: Execution | None = None,
+    **plain: Unpack[SavedKeywords],
 ) -> Comparison:
     """Compare solvers on problems, each solver in a process of its own.
 
@@ -233,23 +233,22 @@ def compare(
         for results to be published.
     seed : int
         From 0 to 2^64 - 1. The same seed gives the same problems and copies.
-    time_limit : float
-        Seconds for building and solving a problem once. Solvers that have a time limit of their
-        own get nine tenths of it, so that they can report their status; the process of a solver
-        that takes longer is ended. What a process does only once, such as imports and compilation,
-        does not count: every process, and each that replaces it, solves a small problem first,
-        untimed.
     tolerances : Tolerances, optional
         What counts as solved.
     record_iterates : bool
         Whether each problem (not its copies) is solved once more, untimed, to record the iterates
         of solvers that report them: see `Comparison.convergence`.
-    checkpoint : path, optional
-        Folder in which every finished run is saved.
-    if_exists : {"error", "resume", "overwrite"}
-        What to do if that folder holds an unfinished comparison.
-    progress : Progress or bool, optional
-        True for progress bars, or a function: see `Progress`.
+    execution, **plain
+        Values of `Execution`, in this record or as plain keywords:
+
+        - `time_limit`: seconds for building and solving a problem once. Solvers that have a time
+          limit of their own get nine tenths of it, so that they can report their status; the
+          process of a solver that takes longer is ended. What a process does only once, such as
+          imports and compilation, does not count: every process, and each that replaces it, solves
+          a small problem first, untimed.
+        - `checkpoint`, a folder in which every finished run is saved, and `if_exists`, which is
+          "error", "resume" or "overwrite": what to do with an unfinished comparison in it.
+        - `progress`.
 
     Returns
     -------
@@ -266,7 +265,11 @@ def compare(
         An unknown solver, or one that cannot be sent to another process.
     ValueError
         A seed out of range.
+    TypeError
+        A value that is given plainly and in a record, or is none of these.
     """
+    values = given_values("compare", execution, plain=plain, time_limit=TIME_LIMIT, **SAVED)
+    time_limit, progress, checkpoint, if_exists = values
     seed, progress = require_seed(seed), reporter(progress)
     if not time_limit > 0:
         raise ComparisonError(f"time_limit = {time_limit!r}; allowed: above zero")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..chain.random_stream_kernels import write_uniforms
+from ..chain.monte_carlo import write_uniforms
 from ..compiled.kernels import kernel
 from ..motion.planar_kernels import motion_set, projected, violation
 from ..typing import BoolArray, FloatArray, IntArray

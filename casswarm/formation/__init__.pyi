@@ -1,12 +1,17 @@
 from .auto import Auto
 from .horizon import corridor_mpc_formation, leader_mpc_formation
 from .horizon_method import InteriorPoint
-from .leader_selection import LEADER_SELECTION
 from .objective import CompiledObjective, formation_program
-from .projected_gradient import ProjectedGradient
-from .spectral import SpectralProjectedGradient
+from .projected_gradient import ProjectedGradient, SpectralProjectedGradient
 from .state_kernels import decide_states
-from .task import Formation, FormationTask, corridor_formation, leader_formation, or_none
+from .task import (
+    LEADER_SELECTION,
+    Formation,
+    FormationTask,
+    corridor_formation,
+    leader_formation,
+    or_none,
+)
 
 __all__ = [
     "LEADER_SELECTION",

@@ -16,7 +16,7 @@ from ..solvers.casadi_plugins import Ipopt
 from ..typing import FloatArray
 from .horizon_method import InteriorPoint
 from .objective import CompiledObjective
-from .spectral import BatchRun, BatchSolver, SpectralProjectedGradient
+from .projected_gradient import BatchRun, BatchSolver, SpectralProjectedGradient
 
 
 @dataclass(frozen=True)

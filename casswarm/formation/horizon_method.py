@@ -14,7 +14,7 @@ from ..nlp.program import Instances, Nlp
 from ..solvers.base import Allowed, Capabilities, PositiveFinite, PositiveInt
 from ..typing import FloatArray
 from .objective import CompiledObjective, start_count
-from .spectral import BatchRun, BatchSolver
+from .projected_gradient import BatchRun, BatchSolver
 from .spectral_kernels import Results
 from .trajectory import TrajectorySets
 

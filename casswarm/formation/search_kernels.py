@@ -1,9 +1,9 @@
-"""The nonmonotone spectral projected gradient, state by state and over batches of states.
+"""Projected gradient methods, state by state and over batches of states.
 
-As `SpectralProjectedGradient` describes it, the method identifies the face of the set that the
-minimum lies on, and Newton steps on that face speed up its end. Every member has a spectral step
-size of its own: the set is a product over members, and in large swarms their curvatures differ by
-orders of magnitude.
+The nonmonotone spectral one, as `SpectralProjectedGradient` describes it, identifies the face of
+the set that the minimum lies on, and Newton steps on that face speed up its end. Every member has a
+spectral step size of its own: the set is a product over members, and in large swarms their
+curvatures differ by orders of magnitude. At the end, the paper's method with a constant step.
 """
 
 from __future__ import annotations
@@ -348,3 +348,64 @@ def minimise_batch(
             batch.x0[row], problem, method, scratch, results.verified[row], results.counts[row]
         )
         copy(scratch.best, results.x[row])
+
+
+@kernel
+def descend(
+    x: FloatArray,
+    problem: Problem,
+    step: float,
+    tolerance: float,
+    max_iter: int,
+    work: Workspace,
+    counts: IntArray,
+) -> int:
+    """Replace the feasible point `x` by P(x - step grad f(x)) `max_iter` times; the outcome.
+
+    Stops where no component moves by more than `tolerance` times the step. Where a step is not
+    finite, nor is `x`.
+    """
+    gradient, following = work.vectors[GRADIENT], work.vectors[TRIAL]
+    for _ in range(max_iter):
+        evaluate(problem, x, gradient)
+        counts[0] += 1
+        counts[1] += 1
+        moved = 0.0
+        for c in range(x.size):
+            following[c] = x[c] - step * gradient[c]
+            if not math.isfinite(following[c]):
+                x[:] = math.nan
+                return NOT_FINITE
+        project(following, problem.sets, following)
+        for c in range(x.size):
+            moved = max(moved, abs(following[c] - x[c]))
+        copy(following, x)
+        if moved <= tolerance * step:
+            return CONVERGED
+    return EXHAUSTED
+
+
+@allocating_kernel
+def descend_batch(
+    rows: tuple[int, int],
+    evaluate: Any,
+    batch: Batch,
+    step: float,
+    tolerance: float,
+    max_iter: int,
+    results: Results,
+) -> None:
+    """Run the method for the states ``rows[0]`` to ``rows[1] - 1`` and verify the answers."""
+    members = batch.sets.shape[1]
+    work, scratch = workspace(members), np.empty(members * (members + 8))
+    x = np.empty(2 * members)
+    for row in range(rows[0], rows[1]):
+        problem = Problem(
+            evaluate, batch.p[row], batch.constants, batch.sets[row], batch.scale[row], scratch
+        )
+        project(batch.x0[row], problem.sets, x)
+        results.outcome[row] = descend(
+            x, problem, step, tolerance, max_iter, work, results.counts[row]
+        )
+        copy(x, results.x[row])
+        verify(x, problem, work, results.verified[row])

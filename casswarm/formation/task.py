@@ -1,15 +1,18 @@
 """The formation problems of one step as arrays: what a batch of states asks of a solver.
 
-The program is that of `casswarm.problems.formation`.
+The program is that of `casswarm.problems.formation`. Rules select the leader: the paper says only
+that another one can be chosen when the leader is destroyed. A rule depends on the state, not on its
+history: a leader on the guide remains the nearest to it while it is alive.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..compiled.kernels import contiguous
 from ..hazard import Hazard, KernelHazard
@@ -18,10 +21,14 @@ from ..motion.step import Step
 from ..nlp.program import Instances, Nlp
 from ..typing import BoolArray, FloatArray, IntArray
 from .objective import CompiledObjective, formation_program
-
-if TYPE_CHECKING:
-    from .state_kernels import StateProblem, States, Terms
-
+from .state_kernels import (
+    StateProblem,
+    States,
+    Terms,
+    isolated_rates,
+    nearest_living,
+    write_problems,
+)
 
 FOLLOWER_WEIGHT = 0.01
 
@@ -95,8 +102,6 @@ class FormationTask:
     @property
     def states(self) -> States:
         """The states as kernels take them."""
-        from .state_kernels import States  # Numba takes a second to import
-
         step, goals = self.step, np.empty((len(self.leaders), 2))
         goals[:] = step.goal[:, 0]
         positions, velocities = (
@@ -108,8 +113,6 @@ class FormationTask:
     @property
     def terms(self) -> Terms:
         """What the problems have in common."""
-        from .state_kernels import Terms  # Numba takes a second to import
-
         motion, hazard = self.step.motion, self.step.hazard
         return Terms(
             dt=float(motion.dt),
@@ -132,8 +135,6 @@ class FormationTask:
         ValueError
             A number is not finite, or a member's limits of motion allow no velocity.
         """
-        from .state_kernels import StateProblem, write_problems
-
         batch, n = self.step.alive.shape
         problems = StateProblem(
             np.empty((batch, 6 * n + 4)),
@@ -216,11 +217,42 @@ def _step_scale(task: FormationTask, p: FloatArray) -> FloatArray:
     """`formation_scale` of one step; by the compiled objective if there is one, to the last bit."""
     (batch, n), compiled = task.step.alive.shape, task.nlp.attached(CompiledObjective)
     if compiled is not None:
-        from .state_kernels import isolated_rates
-
         rates = np.empty(batch)
         alive = contiguous(task.step.alive)
         isolated_rates(compiled.evaluate, p, alive, compiled.constants, rates)
         if (np.isfinite(rates) & (rates >= 0)).all():
             return _scale(task.step, rates)
     return formation_scale(task.step, p[:, 5 * n : 6 * n])  # which names a rate that is no rate
+
+
+Rule = Callable[[Step, FloatArray], NDArray[np.intp]]
+
+_TIE = 1e-6  # of rates, and of distances in v_max dt: a tie, in which the lower index leads
+
+
+def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
+    """The living member nearest to the guide's present point, ties by index.
+
+    `reference` has one point, (2,), or one for every state, (B, 2) or (B, 1, 2).
+    """
+    batch, tie = len(step.alive), _TIE * step.motion.v_max * step.motion.dt
+    points, leaders = np.empty((batch, 2)), np.empty(batch, np.intp)
+    points[:] = reference.reshape(-1, 2)
+    positions, alive = contiguous(step.positions), contiguous(step.alive)
+    nearest_living(positions, alive, points, tie, leaders)
+    return leaders
+
+
+def first(step: Step, reference: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001
+    """The living member with the lowest index."""
+    return np.asarray(np.argmax(step.alive, axis=1))
+
+
+def safest(step: Step, reference: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001
+    """The living member with the lowest rate at its present position, ties by index."""
+    rates = np.where(step.alive, step.hazard.rates(step.positions, step.alive), np.inf)
+    return np.asarray(np.argmax(rates <= rates.min(axis=1, keepdims=True) * (1 + _TIE), axis=1))
+
+
+LEADER_SELECTION: dict[str, Rule] = {"nearest": nearest, "first": first, "safest": safest}
+"""Rules by name, as `make_policy` takes them in `leader_selection`."""

@@ -1,15 +1,25 @@
 """Destruction rates of members: kernels, the paper's two hazards, and custom ones."""
 
+from .array_rates import LocalRates, blocked, set_rates, unblocked
 from .base import Hazard
+from .compiled_rates import compiled_rates, rate_module
 from .custom import CustomHazard
 from .kernel_hazard import KernelHazard, regular
+from .rate_bounds import LeastRate
 from .saturation import Saturation, SaturationCollision
 
 __all__ = [
     "CustomHazard",
     "Hazard",
     "KernelHazard",
+    "LeastRate",
+    "LocalRates",
     "Saturation",
     "SaturationCollision",
+    "blocked",
+    "compiled_rates",
+    "rate_module",
     "regular",
+    "set_rates",
+    "unblocked",
 ]

@@ -137,6 +137,15 @@ class Hazard(ABC):
             )
         return rates.reshape(x.shape[:-1])
 
+    def set_rates(self, positions: FloatArray, sets: BoolArray) -> FloatArray:
+        """Rates (B, m, n) of members at positions (B, n, 2) in each of m sets (m, n) of the living.
+
+        They are 0 for members that are not in a set.
+        """
+        states = np.repeat(positions, len(sets), axis=0)
+        rates = self.rates(states, np.tile(sets, (len(positions), 1)))
+        return rates.reshape(len(positions), *sets.shape)
+
     def single_agent_rates(self, points: ArrayLike) -> FloatArray:
         """Rate lambda-bar of a single member at each point: (..., 2) to (...)."""
         x = np.asarray(points, dtype=float)

@@ -8,14 +8,23 @@ Python, one line each.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from copy import copy
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
+from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..nlp.operations import OPERATIONS, instructions, operation_name
 from ..typing import Expr, FloatArray
+
+if TYPE_CHECKING:
+    from .kernel_hazard import KernelHazard
+
+_KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3}
+"""The kernels of a hazard, and their numbers of arguments."""
 
 
 def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) -> str:
@@ -61,45 +70,77 @@ def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) ->
     return "\n".join(lines) + "\n"
 
 
-def lower(kernel: Callable[..., Expr], inputs: int, name: str) -> Callable[..., FloatArray]:
-    """Elementwise NumPy function of the same expression as `kernel`, of `inputs` scalars."""
-    symbols = {f"x{i}": ca.SX.sym(f"x{i}") for i in range(inputs)}
-    return _compiled(name, lower_source(name, symbols, [kernel(*symbols.values())]))
+def lower(
+    kernel: Callable[..., Expr], inputs: int, name: str, order: int = 0
+) -> Callable[..., Any]:
+    """Elementwise NumPy function of the same expression as `kernel`, of `inputs` scalars.
 
-
-def _compiled(name: str, source: str) -> Callable[..., Any]:
+    With an order of 1 or 2 its derivatives follow the value: see `derivative_source`.
+    """
     namespace: dict[str, Any] = {"np": np, "inf": np.inf, "nan": np.nan}
+    source = derivative_source(kernel, inputs, name, order)
     exec(compile(source, f"<kernel {name}>", "exec"), namespace)
     lowered: Callable[..., Any] = namespace[name]
     return lowered
 
 
-def lower_derivatives(
-    kernel: Callable[..., Expr], inputs: int, name: str
-) -> Callable[..., tuple[FloatArray, ...]]:
-    """Like `lower`: the value, the gradient, and the upper triangle of the Hessian by rows."""
-    symbols, outputs = _derivatives(kernel, inputs, order=2)
-    return _compiled(name, lower_source(name, symbols, outputs))
-
-
-def differentiated_source(
-    kernel: Callable[..., Expr], inputs: int, name: str, parameters: Expr, order: int = 1
+def derivative_source(
+    kernel: Callable[..., Expr], inputs: int, name: str, order: int, **parameters: Expr
 ) -> str:
-    """Python source of ``name(x0, ..., parameters)``: the kernel and its partial derivatives.
+    """Python source of ``name(x0, ..., parameters)``: a kernel and its derivatives up to an order.
 
     Those of second order are the upper triangle of the Hessian by rows.
     """
-    symbols, outputs = _derivatives(kernel, inputs, order)
-    return lower_source(name, symbols | {"parameters": parameters}, outputs)
-
-
-def _derivatives(
-    kernel: Callable[..., Expr], inputs: int, order: int
-) -> tuple[dict[str, Expr], list[Expr]]:
-    """Symbols of a kernel's arguments, its value, and its derivatives up to an order, 1 or 2."""
     symbols = {f"x{i}": ca.SX.sym(f"x{i}") for i in range(inputs)}
     x = list(symbols.values())
     value = ca.SX(kernel(*x))
     first = [ca.gradient(value, symbol) for symbol in x]
     second = [ca.gradient(first[i], x[j]) for i in range(inputs) for j in range(i, inputs)]
-    return symbols, [value, *first, *(second if order == 2 else [])]
+    outputs = [value, *(first if order else []), *(second if order == 2 else [])]
+    return lower_source(name, symbols | parameters, outputs)
+
+
+@locked_cache(maxsize=64)
+def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., FloatArray], ...]:
+    """NumPy functions of the four expressions: source, density, collision, combine."""
+    return tuple(lower(getattr(hazard, name), inputs, name) for name, inputs in _KERNELS.items())
+
+
+@locked_cache(maxsize=64)
+def lowered_derivatives(hazard: KernelHazard) -> tuple[Callable[..., tuple[FloatArray, ...]], ...]:
+    """NumPy functions of the four expressions with their first and second derivatives."""
+    return tuple(lower(getattr(hazard, name), inputs, name, 2) for name, inputs in _KERNELS.items())
+
+
+@locked_cache(maxsize=64)
+def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]]:
+    """Python source of the kernels with their derivatives, and the parameters that it reads.
+
+    ``density(x0, parameters)`` returns value and derivative, ``second_density`` the second
+    derivative too, and so on; where there are several arguments, the upper triangle by rows.
+
+    The numerical fields of the hazard are parameters of the source, so that all hazards of a class
+    share compiled code.
+    """
+    names = [f.name for f in fields(hazard) if isinstance(getattr(hazard, f.name), (int, float))]
+    parameters = ca.SX.sym("parameters", max(2, len(names)))  # never a scalar: it is indexed
+    symbolic = copy(hazard)
+    for index, name in enumerate(names):
+        object.__setattr__(symbolic, name, parameters[index])
+    try:
+        source = _kernel_sources(symbolic, parameters)
+    except HazardError:
+        raise
+    except Exception:  # a kernel that branches on its numbers
+        return _kernel_sources(hazard, parameters), ()
+    return source, tuple(float(getattr(hazard, name)) for name in names)
+
+
+def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:
+    return "\n\n".join(
+        derivative_source(
+            getattr(hazard, name), inputs, f"{prefix}{name}", order, parameters=parameters
+        )
+        for name, inputs in _KERNELS.items()
+        for prefix, order in (("", 1), ("second_", 2))
+    )

@@ -16,7 +16,8 @@ from ..compiled.kernels import generated_module, specialised
 from ..errors import HazardError
 from ..typing import BoolArray, FloatArray
 from .base import Hazard
-from .kernel_hazard import KernelHazard, differentiated_kernels
+from .codegen import differentiated_kernels
+from .kernel_hazard import KernelHazard
 
 _LANES = 64  # states of a block: they fit in the first cache
 

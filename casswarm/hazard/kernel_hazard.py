@@ -14,9 +14,7 @@ NumPy, for batches of states.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
-from copy import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from numbers import Real
 
 import casadi as ca
@@ -27,12 +25,8 @@ from .._util.text import counted
 from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
+from .array_rates import LANES, blocked, set_rates, state_rates, unblocked
 from .base import Hazard, checked_radars
-from .codegen import differentiated_source, lower, lower_derivatives
-
-_CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB
-_KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3}
-"""The kernels of a hazard, and their numbers of arguments."""
 
 
 def regular(squared_distance: Expr, core_radius: Expr = CORE_RADIUS) -> Expr:
@@ -159,26 +153,13 @@ class KernelHazard(Hazard):
         )
         return ca.mtimes(ca.DM(self.radar_strengths).T, _everywhere(self.source(pairs), pairs))
 
-    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
-        n = positions.shape[1]
-        size = max(1, _CHUNK_PAIRS // (n * max(n, len(self.radars))))
-        starts = range(size, len(positions), size)
-        chunks = zip(np.split(positions, starts), np.split(alive, starts), strict=True)
-        rates = [np.broadcast_to(self._evaluate_chunk(x, a), a.shape) for x, a in chunks]
-        return np.concatenate(rates)
+    def set_rates(self, positions: FloatArray, sets: BoolArray) -> FloatArray:
+        """Rates (B, m, n) at positions (B, n, 2) in all sets (m, n)."""
+        blocks = blocked(positions, max(1, min(len(positions), LANES)))
+        return unblocked(set_rates(self, blocks, sets), len(positions)) * sets
 
-    def _evaluate_chunk(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
-        source, density, collision, combine = lowered_kernels(self)
-        living = alive[:, None, :]
-        others = living & ~np.eye(positions.shape[1], dtype=bool)
-        with np.errstate(all="ignore"):  # `rates` refuses values that are not finite
-            to_radars = _squared_distances(positions, self.radar_positions[None])
-            pairs = _squared_distances(positions, positions)
-            return combine(
-                np.sum(source(to_radars) * self.radar_strengths, axis=-1),
-                np.sum(density(pairs) * living, axis=-1),
-                np.sum(collision(pairs) * others, axis=-1),
-            )
+    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
+        return state_rates(self, positions, alive)
 
 
 def require_finite(
@@ -201,61 +182,7 @@ def _everywhere(kernel: Expr, pairs: Expr) -> Expr:
     return ca.DM.ones(*pairs.shape) * kernel if constant else kernel
 
 
-def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Squared distances (B, n, m) between (B, n, 2) and (B or 1, m, 2)."""
-    east = a[:, :, None, 0] - b[:, None, :, 0]
-    north = a[:, :, None, 1] - b[:, None, :, 1]
-    return east * east + north * north
-
-
 @locked_cache(maxsize=64)
 def _collides(hazard: KernelHazard) -> bool:
     kernel = ca.SX(hazard.collision(ca.SX.sym("squared_distance")))
     return not kernel.is_zero()
-
-
-@locked_cache(maxsize=64)
-def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., FloatArray], ...]:
-    """NumPy functions of the four expressions: source, density, collision, combine."""
-    return tuple(lower(getattr(hazard, name), inputs, name) for name, inputs in _KERNELS.items())
-
-
-@locked_cache(maxsize=64)
-def lowered_derivatives(hazard: KernelHazard) -> tuple[Callable[..., tuple[FloatArray, ...]], ...]:
-    """NumPy functions of the four expressions with their first and second derivatives."""
-    return tuple(
-        lower_derivatives(getattr(hazard, name), inputs, name) for name, inputs in _KERNELS.items()
-    )
-
-
-@locked_cache(maxsize=64)
-def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]]:
-    """Python source of the kernels with their derivatives, and the parameters that it reads.
-
-    ``density(x0, parameters)`` returns value and derivative, ``second_density`` the second
-    derivative too, and so on; where there are several arguments, the upper triangle by rows.
-
-    The numerical fields of the hazard are parameters of the source, so that all hazards of a class
-    share compiled code.
-    """
-    names = [f.name for f in fields(hazard) if isinstance(getattr(hazard, f.name), (int, float))]
-    parameters = ca.SX.sym("parameters", max(2, len(names)))  # never a scalar: it is indexed
-    symbolic = copy(hazard)
-    for index, name in enumerate(names):
-        object.__setattr__(symbolic, name, parameters[index])
-    try:
-        source = _kernel_sources(symbolic, parameters)
-    except HazardError:
-        raise
-    except Exception:  # a kernel that branches on its numbers
-        return _kernel_sources(hazard, parameters), ()
-    return source, tuple(float(getattr(hazard, name)) for name in names)
-
-
-def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:
-    sources = (
-        differentiated_source(getattr(hazard, name), inputs, f"{prefix}{name}", parameters, order)
-        for name, inputs in _KERNELS.items()
-        for prefix, order in (("", 1), ("second_", 2))
-    )
-    return "\n\n".join(sources)

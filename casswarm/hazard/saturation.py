@@ -8,7 +8,8 @@ import casadi as ca
 
 from .._util.threads import locked_cache
 from ..typing import Expr, FloatArray
-from .kernel_hazard import KernelHazard, lowered_kernels, regular, require_finite
+from .codegen import lowered_kernels
+from .kernel_hazard import KernelHazard, regular, require_finite
 from .rate_bounds import (
     LeastRate,
     LeastRateLines,

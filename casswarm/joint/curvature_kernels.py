@@ -13,10 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled.kernels import allocating_kernel, kernel
+from ..hazard.array_rates import LANES
 from ..typing import FloatArray, IntArray
-
-LANES = 32
-"""Number of steps for which an operation is done before the next one."""
 
 
 class Slopes(NamedTuple):

@@ -18,7 +18,7 @@ from typing_extensions import override
 
 from .._util.threads import locked_cache
 from ..compiled.parallel import execute
-from ..hazard import Hazard, KernelHazard
+from ..hazard import Hazard, KernelHazard, LocalRates, blocked, set_rates, unblocked
 from ..nlp.program import Nlp
 from ..problems.joint import CERTAIN, TINY, JointForm, joint_nlp
 from ..solvers.interior_point.derivatives import (
@@ -29,7 +29,6 @@ from ..solvers.interior_point.derivatives import (
 from ..solvers.interior_point.factors import Factors
 from ..typing import FloatArray, IntArray
 from .derivative_kernels import Derivatives, Steps, differentiate
-from .rates import LocalRates, blocked, set_rates, unblocked
 from .riccati_kernels import Factor, Stages, factorise, solve
 from .set_kernels import recursion
 

@@ -10,12 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..grid.nodes import UNIT
-from ..hazard import Hazard, KernelHazard
-from ..hazard.kernel_hazard import lowered_kernels
 from ..problems.joint import terminal_costs
 from ..problems.subsets import subsets
 from ..typing import BoolArray, FloatArray, IntArray, Interval
-from .rates import blocked, set_rates, unblocked
 from .set_kernels import recursion
 
 if TYPE_CHECKING:
@@ -156,12 +153,7 @@ def loss_probabilities(scenario: Scenario, positions: FloatArray) -> FloatArray:
     after, hazard = positions[..., 1:, :, :], scenario.hazard
     n = after.shape[-2]
     members, points = subsets(n).members, after.reshape(-1, n, 2)
-    if isinstance(hazard, KernelHazard):
-        rates = unblocked(set_rates(hazard, blocked(points)), len(points)) * members
-    else:
-        states = np.repeat(points, len(members), axis=0)
-        rates = hazard.rates(states, np.tile(members, (len(points), 1)))
-    lost = -np.expm1(-scenario.time.dt * rates)
+    lost = -np.expm1(-scenario.time.dt * hazard.set_rates(points, members))
     return np.asarray(lost.reshape(*after.shape[:-2], len(members), n))
 
 
@@ -276,7 +268,7 @@ def _after_step(
     """Masks and probabilities of the sets after a step at positions (n, 2); what is left out."""
     n = len(positions)
     alive = (masks[:, None] >> np.arange(n) & 1).astype(bool)
-    lost = -np.expm1(-scenario.time.dt * _rates(scenario.hazard, positions, alive)) * alive
+    lost = -np.expm1(-scenario.time.dt * scenario.hazard.set_rates(positions[None], alive)[0])
     parts = [
         _outcomes(masks[some], masses[some], lost[some])
         for some in (slice(k, k + _TOGETHER) for k in range(0, len(masks), _TOGETHER))
@@ -306,21 +298,6 @@ def _outcomes(
         masses = np.concatenate([masses * (1.0 - dies), dead[follow]])
         before = np.concatenate([before, before[follow]])
     return *_joined(masks, masses), left
-
-
-def _rates(hazard: Hazard, positions: FloatArray, alive: BoolArray) -> FloatArray:
-    """Rates (m, n) of members at positions (n, 2), in sets (m, n)."""
-    if not isinstance(hazard, KernelHazard):
-        return hazard.rates(np.tile(positions, (len(alive), 1, 1)), alive)
-    source, density, collision, combine = lowered_kernels(hazard)
-    offsets = positions[:, None] - hazard.radar_positions
-    differences = positions[:, None] - positions
-    strengths = source((offsets**2).sum(axis=-1)) * hazard.radar_strengths
-    squares, members = (differences**2).sum(axis=-1), alive.astype(float)
-    pairs = [np.broadcast_to(kernel(squares), squares.shape) for kernel in (density, collision)]
-    others = np.where(np.eye(len(positions), dtype=bool), 0.0, pairs[1])
-    by_radars = np.broadcast_to(strengths.sum(axis=-1), alive.shape)
-    return np.asarray(combine(by_radars, members @ pairs[0], members @ others))
 
 
 def _greatest(values: FloatArray, count: int) -> BoolArray:

@@ -9,9 +9,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from typing_extensions import Unpack
 
 from .._util.numbers import require_seed
 from .._util.progress import reporter
+from .._util.settings import Execution, SavedKeywords, given_values
 from .._util.text import did_you_mean
 from ..bounds.success_bound import success_bound
 from ..errors import ScenarioError, SolverError
@@ -318,11 +320,11 @@ def plan_swarm(
     initial_guesses: Sequence[str] = INITIAL_GUESSES,
     seed: int = 0,
     min_distance: float | None = None,
-    time_limit: float | None = None,
     guide: Guide | None = None,
     certify: bool = True,
     solver_options: Mapping[str, Any] | None = None,
-    progress: Progress | bool | None = None,
+    execution: Execution | None = None,
+    **plain: Unpack[SavedKeywords],
 ) -> SwarmPlan:
     """Trajectories of all members that maximise the swarm's own probability of success.
 
@@ -345,8 +347,6 @@ def plan_swarm(
         Of the random perturbations; everything else is deterministic.
     min_distance : float, optional
         Minimum distance of any two members at every step after the first.
-    time_limit : float, optional
-        Seconds after which no further solve starts. The result then depends on the machine.
     guide : Guide, optional
         Provides V(-1) if the scenario leaves that to the guide; planned from the scenario by
         default, so that every policy begins with the same velocity.
@@ -355,8 +355,10 @@ def plan_swarm(
     solver_options : mapping, optional
         Options of the solver, if it is given by name, with which it runs in all stages of the
         search; without them, ``"auto"`` and ``"ipopt"`` have settings for each stage.
-    progress : Progress or bool, optional
-        True for progress bars, or a function: see `Progress`. It is called before every solve.
+    execution, **plain
+        Values of `Execution`, in this record or as plain keywords: `time_limit`, seconds after
+        which no further solve starts (the result then depends on the machine), and `progress`,
+        which is called before every solve.
 
     Returns
     -------
@@ -378,8 +380,12 @@ def plan_swarm(
         Members that are closer to each other than `min_distance` from the start.
     ValueError
         A distance or time limit out of range.
+    TypeError
+        A value that is given plainly and in a record, or is none of these.
     """
     require_scenario("plan_swarm", scenario)
+    values = given_values("plan_swarm", execution, plain=plain, time_limit=None, progress=None)
+    time_limit, progress = values
     started, seed, progress = time.perf_counter(), require_seed(seed), reporter(progress)
     _require_known(objective, initial_guesses)
     _require_distance(scenario, min_distance)

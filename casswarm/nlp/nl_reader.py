@@ -16,7 +16,7 @@ from .._util.files import require_file
 from .._util.text import counted
 from ..errors import ProblemError
 from ..typing import Expr
-from .nl_operators import BINARY, CONDITIONAL, LISTS, UNARY, UNSUPPORTED, Operator
+from .operations import OPERATORS, Operator
 from .program import Instances, Nlp
 
 MAX_BYTES = 2**27
@@ -164,6 +164,17 @@ def _first(row: list[int], count: int) -> list[int]:
     """The first entries; those that are missing are zero."""
     return (row + [0] * count)[:count]
 
+
+_UNSUPPORTED = {
+    56: "rounding (precision)",
+    57: "rounding (round)",
+    58: "rounding (trunc)",
+    64: "a piecewise-linear term",
+    65: "a conditional string",
+    79: "a call of an imported function",
+    **dict.fromkeys((59, 60, 61, 62, 63, 66, 67, 68, 69, 72, 73, 74, 75), "a logical constraint"),
+}
+"""Operators that no smooth problem has, or that CasADi has no counterpart of."""
 
 _SOS = ("sosno", "ref", "sos", "sosref")
 """Suffixes that declare special ordered sets, which are conditions; others are hints."""
@@ -334,19 +345,19 @@ class _Reader:
 
     def _expression(self) -> Expr:
         """An expression in prefix notation, without recursion: files can be deep."""
-        unfinished: list[tuple[Operator, int, list[Expr]]] = []
+        unfinished: list[tuple[Operator, list[Expr]]] = []
         while True:
             word = self.lines.following()
             if word[:1] == "o":
-                unfinished.append((*self._operator(word), []))
+                unfinished.append((self._operator(word), []))
                 continue
             value = self._leaf(word)
             while unfinished:
-                function, count, arguments = unfinished[-1]
+                operator, arguments = unfinished[-1]
                 arguments.append(value)
-                if len(arguments) < count:
+                if len(arguments) != operator.arguments:
                     break
-                value = function(*arguments)
+                value = operator.function(*arguments)
                 unfinished.pop()
             else:
                 return value
@@ -366,18 +377,14 @@ class _Reader:
             raise self.lines.refusal("calls an imported function, which is not supported")
         raise self.lines.refusal(f"has {word[:20]!r} where an expression is expected")
 
-    def _operator(self, word: str) -> tuple[Operator, int]:
-        """Function of an operator, and the number of its arguments."""
+    def _operator(self, word: str) -> Operator:
+        """The operator of a word, with the number of its arguments."""
         number = self.lines.integer(word[1:], 1000)
-        if number in UNARY:
-            return UNARY[number], 1
-        if number in BINARY:
-            return BINARY[number], 2
-        if number == CONDITIONAL:
-            return ca.if_else, 3
-        if number in LISTS:
-            count = self.lines.integer(self.lines.following(), len(self.lines))
+        if number in OPERATORS:
+            function, count = OPERATORS[number]
+            if count is None:
+                count = self.lines.integer(self.lines.following(), len(self.lines))
             if count:
-                return LISTS[number], count
-        what = UNSUPPORTED.get(number, "which the format does not know")
+                return Operator(function, count)
+        what = _UNSUPPORTED.get(number, "which the format does not know")
         raise self.lines.refusal(f"has the operator o{number} ({what}), which is not supported")

@@ -28,10 +28,9 @@ from typing_extensions import override
 from ..compiled.parallel import execute
 from ..formation.auto import Auto
 from ..formation.horizon import corridor_mpc_formation, leader_mpc_formation
-from ..formation.leader_selection import LEADER_SELECTION
 from ..formation.objective import CompiledObjective, start_count
-from ..formation.spectral import SpectralProjectedGradient
-from ..formation.task import Formation, FormationTask, or_none
+from ..formation.projected_gradient import SpectralProjectedGradient
+from ..formation.task import LEADER_SELECTION, Formation, FormationTask, or_none
 from ..grid import ValueFunction
 from ..guide.guide import Guide
 from ..hazard import Hazard

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .._util.text import did_you_mean
 from ..errors import PolicyError
 from ..formation import ProjectedGradient
-from ..formation.leader_selection import LEADER_SELECTION
+from ..formation.task import LEADER_SELECTION
 from ..grid import ValueFunction
 from ..guide.guide import Guide
 from ..guide.plan import guide_solver, initial_velocities, plan, plan_from

@@ -18,8 +18,7 @@ import numpy as np
 import pandas as pd
 
 from ..formation import ProjectedGradient
-from ..formation.leader_selection import nearest
-from ..formation.task import corridor_formation, leader_formation
+from ..formation.task import corridor_formation, leader_formation, nearest
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities
 from ..motion.kinematics import integrate, resample

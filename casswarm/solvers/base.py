@@ -9,13 +9,15 @@ or with a ``Literal`` is checked when the solver is made.
 from __future__ import annotations
 
 import time
+import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from math import inf
+from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -178,6 +180,13 @@ class Answer:
     seconds: float
     multipliers: tuple[FloatArray, FloatArray] | None = None
 
+    def in_units(self, length: float, value: float) -> Answer:
+        """The same answer, which is given in units of x and f."""
+        if self.multipliers is None:
+            return replace(self, x=length * self.x)
+        bounds, rows = self.multipliers
+        return replace(self, x=length * self.x, multipliers=(value / length * bounds, value * rows))
+
 
 @dataclass(frozen=True)
 class Capabilities:
@@ -217,6 +226,7 @@ class Solver(ABC):
     name: ClassVar[str]
     summary: ClassVar[str]
     capabilities: ClassVar[Capabilities] = Capabilities()
+    backend_options: ClassVar[dict[str, Any]] = {}
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -230,8 +240,12 @@ class Solver(ABC):
         """Compile the problem for this backend, once; raise SolverError if that is impossible."""
 
     def warm(self) -> Solver:
-        """The solver for initial guesses that are close to a minimum; by default itself."""
-        return self
+        """The solver for initial guesses that are close to a minimum; by default itself.
+
+        A small initial barrier parameter, where there is one that is not set, keeps it near them.
+        """
+        chosen: Any = self
+        return self if getattr(self, "mu_init", 0.0) is not None else replace(chosen, mu_init=1e-4)
 
     def from_feasible_guess(self) -> tuple[Solver, ...]:
         """Solvers that start at a feasible guess, however thin the feasible set, to try in turn."""
@@ -332,6 +346,45 @@ class Solver(ABC):
         if len(answers) != len(instances):
             raise SolverError(f"{self.name} gave {len(answers)} answers for {len(instances)} tasks")
         return answers
+
+
+_AnySolver = TypeVar("_AnySolver", bound=Solver)
+
+_BACKENDS = tomllib.loads(Path(__file__).with_name("backends.toml").read_text(encoding="utf-8"))
+
+
+def described(kind: type[_AnySolver]) -> type[_AnySolver]:
+    """Give a class what `backends.toml` says of it, as class variables."""
+    entries = dict(_BACKENDS[kind.__name__])
+    abilities = {name: entries.pop(name, False) for name in ("multipliers", "time_limit")}
+    kind.capabilities = Capabilities(**abilities)
+    for name, entry in entries.items():
+        words = name in ("statuses", "limits")
+        value = {word: Status(status) for word, status in entry.items()} if words else entry
+        setattr(kind, "backend_options" if name == "options" else name, value)
+    return kind
+
+
+def settings(solver: Solver) -> dict[str, Any]:
+    """Options of a solver of `backends.toml`, with the values of its fields."""
+    defaults = {field.name: field.default for field in fields(solver)}  # type: ignore[arg-type]
+
+    def value(entry: Any) -> Any:
+        if not (isinstance(entry, str) and entry.startswith("$")):
+            return entry
+        names = entry[1:].split("|")
+        name = next((name for name in names if getattr(solver, name) is not None), names[-1])
+        given = getattr(solver, name)
+        whole = isinstance(given, int) and not isinstance(defaults[name], int)
+        return float(given) if whole else given
+
+    def filled(entries: dict[str, Any]) -> dict[str, Any]:
+        pairs = (
+            (key, filled(v) if isinstance(v, dict) else value(v)) for key, v in entries.items()
+        )
+        return {key: setting for key, setting in pairs if setting is not None}
+
+    return filled(solver.backend_options)
 
 
 def failed(instances: Instances, message: str, status: Status = Status.FAILED) -> list[Answer]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
+from typing_extensions import override
 
 from .._util.interrupts import interruptible
 from .._util.silence import silence
@@ -20,6 +20,7 @@ from .._util.threads import locked_cache, one_at_a_time
 from ..errors import SolverError
 from ..nlp.program import Instances, LagrangianHessian, Nlp
 from ..nlp.solution import Status
+from ..typing import Expr
 from .base import (
     Answer,
     Capabilities,
@@ -29,6 +30,8 @@ from .base import (
     Positive,
     PositiveInt,
     Solver,
+    described,
+    settings,
 )
 
 INTERRUPTED = "User_Requested_Stop"
@@ -50,13 +53,13 @@ COMMON: dict[str, Any] = {
 
 
 class NlpsolSolver(Solver):
-    """A solver that CasADi calls: a plugin's name, its options, and its statuses.
+    """A solver that CasADi calls, as `backends.toml` describes it.
 
-    Multipliers are CasADi's: positive at an upper bound, like those of `kkt.kkt_residuals`.
+    Multipliers are CasADi's: positive at an upper bound, like those of `nlp.kkt_residuals`.
     """
 
     plugin: ClassVar[str]
-    statuses: ClassVar[Mapping[str, Status]]
+    statuses: ClassVar[Mapping[str, Status]] = {}
     """Status by return_status, or by CasADi's unified one if the plugin has none."""
     counts: ClassVar[tuple[str, ...]] = ("nlp_f", "nlp_fg")
     """Functions whose calls are the evaluations."""
@@ -67,9 +70,9 @@ class NlpsolSolver(Solver):
     needs_constraint_row: ClassVar[bool] = False
     """Whether the backend needs a row in g; where there is none, an unbounded one is added."""
 
-    @abstractmethod
     def plugin_options(self) -> dict[str, Any]:
         """Options of the plugin in addition to `COMMON`."""
+        return settings(self)
 
     @classmethod
     def unavailable(cls) -> str:
@@ -80,20 +83,21 @@ class NlpsolSolver(Solver):
         """Status of a solve by CasADi's statistics."""
         return self.statuses.get(_message(stats)) or self._limit(stats)
 
+    @override
     def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
         reason = missing_plugin(self.plugin)
         if reason:
-            raise SolverError(f"{self.name} cannot run here: {reason}")
+            raise SolverError(f"{self.name} cannot run here: {reason}", solver=self.name)
         _compiled(self, nlp)
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         function = _compiled(self, nlp)
         return [self._solve(function, instances, i) for i in range(len(instances))]
 
+    @override
     def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
-        """See `Solver.iterates`; they are those of CasADi's ``iteration_callback``."""
+        """Points with which CasADi calls its ``iteration_callback``."""
         callback = _Callback(nlp.sizes, self.needs_constraint_row)
         function = _built(self, nlp, {"iteration_callback": callback})
         answer = self._solve(function, instance, 0)
@@ -128,18 +132,11 @@ class NlpsolSolver(Solver):
         message = _message(stats)
         if message == INTERRUPTED:
             raise KeyboardInterrupt
-        return Answer(
-            x=length * np.asarray(out["x"]).ravel(),
-            status=self.status(stats),
-            message=message,
-            iterations=int(stats.get("iter_count", 0)),
-            evaluations=sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts),
-            seconds=seconds,
-            multipliers=(
-                value / length * np.asarray(out["lam_x"]).ravel(),
-                value * np.asarray(out["lam_g"]).ravel()[:rows],
-            ),
-        )
+        x, lam_x, lam_g = (np.asarray(out[name]).ravel() for name in ("x", "lam_x", "lam_g"))
+        evaluations = sum(int(stats.get(f"n_call_{name}", 0)) for name in self.counts)
+        counts = int(stats.get("iter_count", 0)), evaluations
+        answer = Answer(x, self.status(stats), message, *counts, seconds, (lam_x, lam_g[:rows]))
+        return answer.in_units(length, value)
 
     def _limit(self, stats: Mapping[str, Any]) -> Status:
         """The limit that stopped the plugin, where only CasADi's unified status tells of one."""
@@ -189,26 +186,52 @@ def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
     return _built(solver, nlp, {})
 
 
+class ScaledProgram(NamedTuple):
+    """Expressions of a program in units of `Instances.scale`, which are its last two parameters.
+
+    The Hessian of the Lagrangian is its upper triangle, a function also of the multipliers of f and
+    g, where the program has its own; otherwise None.
+    """
+
+    x: Expr
+    p: Expr
+    f: Expr
+    g: Expr
+    multipliers: tuple[Expr, Expr]
+    hessian: Expr | None
+
+    @classmethod
+    def of(cls, nlp: Nlp) -> ScaledProgram:
+        """The expressions of a program."""
+        x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)
+        length, value = ca.vertsplit(scale)
+        f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
+        own = nlp.attached(LagrangianHessian)
+        if own is not None:
+            own = length**2 * own(length * x, nlp.p, lam_f / value, lam_g)
+        return cls(x, ca.vertcat(nlp.p, scale), f / value, g, (lam_f, lam_g), own)
+
+
 @one_at_a_time
 def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any]) -> Any:
-    """Solver of the problem in units of `Instances.scale`, which are its last two parameters."""
+    """CasADi's solver of a program in units of its scale."""
     options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options(), **more}
-    x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)
-    p, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
-    f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
+    x, p, f, g, multipliers, hessian = ScaledProgram.of(nlp)
     exact = getattr(solver, "hessian", "exact") == "exact"
-    own = nlp.attached(LagrangianHessian)
-    if own is not None and solver.uses_hessian and exact:
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
-        hessian = length**2 * own(length * x, nlp.p, lam_f / value, lam_g)
-        options["hess_lag"] = ca.Function("hess_lag", [x, p, lam_f, lam_g], [hessian])
+    if hessian is not None and solver.uses_hessian and exact:
+        options["hess_lag"] = ca.Function("hess_lag", [x, p, *multipliers], [hessian])
     free = solver.needs_constraint_row and not nlp.sizes[2]
-    problem = {"x": x, "p": p, "f": f / value, "g": ca.MX(0) if free else g}
+    problem = {"x": x, "p": p, "f": f, "g": ca.MX(0) if free else g}
     try:
         with silence() if solver.prints_to_stdout else nullcontext():
             return ca.nlpsol("solver", solver.plugin, problem, options)
     except RuntimeError as error:
-        raise SolverError(f"{solver.name} cannot solve {nlp.name}: {_reason(error)}") from error
+        raise SolverError(
+            f"{solver.name} cannot solve {nlp.name}: {_reason(error)}",
+            solver=solver.name,
+            problem=nlp.name,
+        ) from error
 
 
 class _Callback(ca.Callback):
@@ -292,15 +315,16 @@ class NlpSol(NlpsolSolver):
         """The plugin's name."""
         return self.plugin
 
+    @override
     def plugin_options(self) -> dict[str, Any]:
-        """See `NlpsolSolver.plugin_options`."""
         return dict(self.options)
 
+    @override
     def status(self, stats: Mapping[str, Any]) -> Status:
-        """See `NlpsolSolver.status`."""
         return _UNIFIED.get(str(stats["unified_return_status"]), Status.FAILED)
 
 
+@described
 @dataclass(frozen=True)
 class Ipopt(NlpsolSolver):
     """Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), with MUMPS.
@@ -338,27 +362,9 @@ class Ipopt(NlpsolSolver):
     mu_init: Positive | None = None
     print_level: NonNegativeInt = 0
 
-    name: ClassVar[str] = "ipopt"
-    summary: ClassVar[str] = "interior point, exact derivatives; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
-    plugin: ClassVar[str] = "ipopt"
-    uses_hessian: ClassVar[bool] = True
-    statuses: ClassVar[dict[str, Status]] = {
-        "Solve_Succeeded": Status.SOLVED,
-        "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
-        "Infeasible_Problem_Detected": Status.INFEASIBLE,
-        "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-        "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
-        "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
-        "Diverging_Iterates": Status.DIVERGED,
-    }
-
-    def warm(self) -> Ipopt:
-        """With a small initial barrier parameter, which keeps it near its initial guess."""
-        return self if self.mu_init is not None else replace(self, mu_init=1e-4)
-
+    @override
     def from_feasible_guess(self) -> tuple[Ipopt, ...]:
-        """See `Solver.from_feasible_guess`: hardly pushed away from bounds, hardly a barrier.
+        """Hardly pushed away from bounds, hardly a barrier.
 
         Whether Ipopt then finds such a set is chance, but rarely for all of these settings.
         """
@@ -367,29 +373,8 @@ class Ipopt(NlpsolSolver):
             for push, barrier in ((1e-10, 1e-8), (1e-4, 1e-6), (1e-8, 1e-9))
         )
 
-    def plugin_options(self) -> dict[str, Any]:
-        """See `NlpsolSolver.plugin_options`."""
-        pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
-        pushed = {} if self.bound_push is None else dict.fromkeys(pushes, self.bound_push)
-        barrier = {} if self.mu_init is None else {"mu_init": self.mu_init}
-        return {
-            "ipopt": {
-                **pushed,
-                **barrier,
-                "tol": self.tolerance,
-                "constr_viol_tol": self.constraint_tolerance or self.tolerance,
-                "max_iter": self.max_iter,
-                "max_wall_time": self.time_limit,
-                "hessian_approximation": self.hessian,
-                "limited_memory_max_history": self.memory,
-                "mu_strategy": self.mu_strategy,
-                "honor_original_bounds": "yes",
-                "print_level": self.print_level,
-                "sb": "yes",
-            }
-        }
 
-
+@described
 @dataclass(frozen=True)
 class Sleqp(NlpsolSolver):
     """SLEQP (after Byrd, Gould, Nocedal, Waltz, Math. Program. 100(1), 2004), damped BFGS.
@@ -407,38 +392,8 @@ class Sleqp(NlpsolSolver):
     max_iter: PositiveInt = 1000
     time_limit: Positive = 60.0
 
-    name: ClassVar[str] = "sleqp"
-    summary: ClassVar[str] = "active set by linear programs, then equality QPs; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
-    plugin: ClassVar[str] = "sleqp"
-    needs_constraint_row: ClassVar[bool] = True  # or some solves exceed their time limit
-    # the plugin's success is always true, even at a limit
-    statuses: ClassVar[dict[str, Status]] = {
-        "optimal": Status.SOLVED,
-        "infeasible": Status.INFEASIBLE,
-        "unbounded": Status.DIVERGED,
-        "iteration limit": Status.ITERATION_LIMIT,
-        "time limit": Status.TIME_LIMIT,
-    }
 
-    def plugin_options(self) -> dict[str, Any]:
-        """See `NlpsolSolver.plugin_options`."""
-        return {
-            "max_iter": self.max_iter,
-            "max_wall_time": self.time_limit,
-            "print_level": 0,
-        }
-
-
-QP_SOLVERS: dict[str, dict[str, Any]] = {
-    "qpoases": {"printLevel": "none"},
-    "qrqp": {"print_header": False, "print_info": False, "print_iter": False},
-    "daqp": {},
-    "osqp": {"osqp": {"verbose": False, "eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 20000}},
-}
-"""CasADi's convex solvers that the method works with, and the options that silence each."""
-
-
+@described
 @dataclass(frozen=True)
 class Sqp(NlpsolSolver):
     """CasADi's ``sqpmethod``: line search on a merit function, elastic where a QP is infeasible.
@@ -462,39 +417,18 @@ class Sqp(NlpsolSolver):
     hessian: Literal["exact", "limited-memory"] = "limited-memory"
     qp_solver: Literal["qpoases", "qrqp", "daqp", "osqp"] = "qpoases"
 
-    name: ClassVar[str] = "sqp"
-    summary: ClassVar[str] = "sequential quadratic programming with active-set QPs; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True)
-    plugin: ClassVar[str] = "sqpmethod"
-    prints_to_stdout: ClassVar[bool] = True  # qpOASES prints its licence
-    # a search direction that became too small is no success
-    statuses: ClassVar[dict[str, Status]] = {
-        "Solve_Succeeded": Status.SOLVED,
-        "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-    }
+    qp_options: ClassVar[Mapping[str, dict[str, Any]]]
 
+    @override
     def plugin_options(self) -> dict[str, Any]:
-        """See `NlpsolSolver.plugin_options`."""
-        options: dict[str, Any] = {
-            "qpsol": self.qp_solver,
-            "qpsol_options": {"error_on_fail": False, **QP_SOLVERS[self.qp_solver]},
-            "tol_pr": self.tolerance,
-            "tol_du": self.tolerance,
-            "max_iter": self.max_iter,
-            "elastic_mode": True,
-            "max_iter_ls": 8,  # with more, steps that are too short end no cycle
-            "beta": 0.5,
-            "min_step_size": 0.0,  # multipliers may still change where x does not
-            "hessian_approximation": self.hessian,
-            "print_header": False,
-            "print_iteration": False,
-            "print_status": False,
-        }
+        options = settings(self)
+        options["qpsol_options"] = {"error_on_fail": False, **self.qp_options[self.qp_solver]}
         if self.hessian == "exact":
             options["convexify_strategy"] = "regularize"
         return options
 
 
+@described
 @dataclass(frozen=True)
 class Uno(NlpsolSolver):
     """Uno (Vanaret, Leyffer, arXiv:2406.13454) as its preset ``filtersqp`` composes it.
@@ -512,32 +446,8 @@ class Uno(NlpsolSolver):
     max_iter: PositiveInt = 500
     time_limit: Positive = 60.0
 
-    name: ClassVar[str] = "uno"
-    summary: ClassVar[str] = "trust-region filter SQP, exact derivatives; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
-    plugin: ClassVar[str] = "uno"
-    prints_to_stdout: ClassVar[bool] = True  # warnings on fixed variables and rows without bounds
-    # small steps and Fritz John points are failures; limits share one text with errors
-    statuses: ClassVar[dict[str, Status]] = {
-        "Converged with feasible KKT point": Status.SOLVED,
-        "Converged with infeasible stationary point": Status.INFEASIBLE,
-        "Terminated with unbounded problem": Status.DIVERGED,
-    }
 
-    def plugin_options(self) -> dict[str, Any]:
-        """See `NlpsolSolver.plugin_options`."""
-        return {
-            "uno": {
-                "preset": "filtersqp",
-                "logger": "SILENT",
-                "primal_tolerance": self.tolerance,
-                "dual_tolerance": self.tolerance,
-                "max_iterations": self.max_iter,
-                "time_limit": self.time_limit,
-            }
-        }
-
-
+@described
 @dataclass(frozen=True)
 class Alpaqa(NlpsolSolver):
     """ALM and PANOC with L-BFGS (Pas, Schuurmans, Patrinos, ECC 2022); first derivatives only.
@@ -561,23 +471,3 @@ class Alpaqa(NlpsolSolver):
     max_iter: PositiveInt = 100
     max_inner_iter: PositiveInt = 1000
     time_limit: Positive = 60.0
-
-    name: ClassVar[str] = "alpaqa"
-    summary: ClassVar[str] = "augmented Lagrangian with PANOC, first derivatives; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
-    plugin: ClassVar[str] = "alpaqa"
-    counts: ClassVar[tuple[str, ...]] = ("nlp_psi", "nlp_grad_psi")
-    # the plugin sets no return_status
-    statuses: ClassVar[dict[str, Status]] = {"SOLVER_RET_SUCCESS": Status.SOLVED}
-
-    def plugin_options(self) -> dict[str, Any]:
-        """See `NlpsolSolver.plugin_options`."""
-        return {
-            "alpaqa": {
-                "alm.tolerance": self.tolerance,
-                "alm.dual_tolerance": self.tolerance,
-                "alm.max_iter": self.max_iter,
-                "panoc.max_iter": self.max_inner_iter,
-                "alm.max_time": self.time_limit,
-            }
-        }

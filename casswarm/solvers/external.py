@@ -5,39 +5,61 @@ from __future__ import annotations
 import os
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
+from typing_extensions import override
 
 from .._util.interrupts import interruptible
 from .._util.silence import silence
 from .._util.threads import locked_cache, one_at_a_time
 from ..errors import SolverError
-from ..nlp.program import Instances, LagrangianHessian, Nlp
+from ..nlp.program import Instances, Nlp
 from ..nlp.solution import Status
 from ..typing import Expr, FloatArray, IntArray
-from .base import Answer, Capabilities, NonNegativeInt, Positive, PositiveInt, Solver, error_text
-from .casadi_plugins import Ipopt
+from .base import (
+    Answer,
+    NonNegativeInt,
+    Positive,
+    PositiveInt,
+    Solver,
+    described,
+    error_text,
+    settings,
+)
+from .casadi_plugins import Ipopt, ScaledProgram
 
 
 class CallbackSolver(Solver):
     """A solver of an optional package, which takes one problem at a time, as `Callbacks`."""
 
+    package: ClassVar[str]
+    statuses: ClassVar[Mapping[str, Status]]
+
+    @classmethod
+    @override
+    def unavailable(cls) -> str:
+        try:
+            version(cls.package)  # another package may have a module of the same name
+        except PackageNotFoundError:
+            install = f"pip install 'casswarm[{cls.name}]'"
+            return f"the package {cls.package} is not installed: {install}"
+        return ""
+
+    @override
     def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
         reason = self.unavailable()
         if reason:
-            raise SolverError(f"{self.name} cannot run here: {reason}")
+            raise SolverError(f"{self.name} cannot run here: {reason}", solver=self.name)
         derivatives(nlp)
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         return [self._answer(nlp, instances[i : i + 1]) for i in range(len(instances))]
 
     @one_at_a_time
@@ -49,7 +71,7 @@ class CallbackSolver(Solver):
         except (ValueError, RuntimeError, TypeError) as error:  # such as bounds that cross
             answer = Answer(instance.x0[0], Status.FAILED, error_text(error), 0, 0, 0.0)
         else:
-            answer = self.answer(result, instance)
+            answer = self.answer(result).in_units(*instance.scale[0])
         return replace(answer, seconds=time.perf_counter() - started)
 
     def quiet(self) -> AbstractContextManager[None]:
@@ -64,8 +86,8 @@ class CallbackSolver(Solver):
         """
 
     @abstractmethod
-    def answer(self, result: Any, instance: Instances) -> Answer:
-        """The answer in a result; its seconds are replaced."""
+    def answer(self, result: Any) -> Answer:
+        """The answer in a result, in units of its scale; its seconds are replaced."""
 
 
 class Derivatives(NamedTuple):
@@ -86,23 +108,16 @@ class Derivatives(NamedTuple):
 @locked_cache(maxsize=64)
 def derivatives(nlp: Nlp) -> Derivatives:
     """Functions and derivatives of a program, built once."""
-    x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)
-    given, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
-    f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
-    own = nlp.attached(LagrangianHessian)
-    if own is None:
-        upper = ca.triu(ca.hessian(lam_f * f / value + ca.dot(lam_g, g), x)[0])
-    else:
-        upper = length**2 * own(length * x, nlp.p, lam_f / value, lam_g)
-    gradient, jacobian = ca.gradient(f / value, x), ca.jacobian(g, x)
+    x, p, f, g, (lam_f, lam_g), own = ScaledProgram.of(nlp)
+    upper = ca.triu(ca.hessian(lam_f * f + ca.dot(lam_g, g), x)[0]) if own is None else own
+    gradient, jacobian = ca.gradient(f, x), ca.jacobian(g, x)
 
     def function(outputs: list[Expr], *more: Expr) -> Expr:
-        made = ca.Function("derivatives", [x, given, *more], outputs)
+        made = ca.Function("derivatives", [x, p, *more], outputs)
         return made.expand() if nlp.unroll else made
 
     return Derivatives(
-        function([f / value, g]),
+        function([f, g]),
         function([ca.densify(gradient)]),
         function([jacobian]),
         function([upper], lam_f, lam_g),
@@ -157,9 +172,7 @@ def _array(values: Any) -> FloatArray:
     return np.asarray(values, dtype=float).ravel()
 
 
-_NO_POUNCE = "the package pounce-solver is not installed: pip install 'casswarm[pounce]'"
-
-
+@described
 @dataclass(frozen=True)
 class Pounce(CallbackSolver):
     """POUNCE (J. Kitchin, from version 0.13), derived from Ipopt, with exact derivatives.
@@ -182,27 +195,10 @@ class Pounce(CallbackSolver):
     time_limit: Positive = 60.0
     mu_init: Positive | None = None
 
-    name: ClassVar[str] = "pounce"
-    summary: ClassVar[str] = "interior point in Rust, exact derivatives; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
-    # its messages are Ipopt's; others are failures: small steps, failed restoration, and errors
-    statuses: ClassVar[dict[str, Status]] = Ipopt.statuses
+    statuses: ClassVar[Mapping[str, Status]] = Ipopt.statuses
 
-    @classmethod
-    def unavailable(cls) -> str:
-        """Why the package cannot be used in this installation; empty if it can."""
-        try:
-            version("pounce-solver")  # another package has a module of the same name
-        except PackageNotFoundError:
-            return _NO_POUNCE
-        return ""
-
-    def warm(self) -> Pounce:
-        """With a small initial barrier parameter, which keeps it near its initial guess."""
-        return self if self.mu_init is not None else replace(self, mu_init=1e-4)
-
+    @override
     def optimize(self, nlp: Nlp, instance: Instances) -> Any:
-        """See `CallbackSolver.optimize`."""
         length = instance.scale[0, 0]
         problem = _package().Problem(
             n=nlp.sizes[0],
@@ -213,39 +209,18 @@ class Pounce(CallbackSolver):
             cl=instance.lbg[0],
             cu=instance.ubg[0],
         )
-        for option, setting in self._options().items():
+        for option, setting in settings(self).items():
             problem.add_option(option, setting)
         return problem.solve(instance.x0[0] / length)
 
-    def answer(self, result: Any, instance: Instances) -> Answer:
-        """See `CallbackSolver.answer`."""
-        (x, info), (length, value) = result, instance.scale[0]
+    @override
+    def answer(self, result: Any) -> Answer:
+        x, info = result
         message = str(info["status_msg"])
-        return Answer(
-            x=length * x,
-            status=self.statuses.get(message, Status.FAILED),
-            message=message,
-            iterations=int(info["iter_count"]),
-            evaluations=int(info["n_obj_evals"]),
-            seconds=0.0,
-            multipliers=(
-                value / length * (info["mult_x_U"] - info["mult_x_L"]),
-                value * info["mult_g"],
-            ),
-        )
-
-    def _options(self) -> dict[str, Any]:
-        barrier = {} if self.mu_init is None else {"mu_init": float(self.mu_init)}
-        return {
-            **barrier,
-            "tol": float(self.tolerance),
-            "constr_viol_tol": float(self.tolerance),
-            "max_iter": self.max_iter,
-            "max_wall_time": float(self.time_limit),
-            "bound_relax_factor": 0.0,  # or rows are violated by 1e-8 of their bounds
-            "honor_original_bounds": "yes",
-            "print_level": 0,
-        }
+        counts = int(info["iter_count"]), int(info["n_obj_evals"])
+        multipliers = info["mult_x_U"] - info["mult_x_L"], info["mult_g"]
+        status = self.statuses.get(message, Status.FAILED)
+        return Answer(x, status, message, *counts, 0.0, multipliers)
 
 
 @locked_cache(maxsize=1)
@@ -261,12 +236,11 @@ def _package() -> Any:
     return pounce
 
 
-_NO_UNOPY = "the package unopy is not installed: pip install 'casswarm[unopy]'"
-
 INTERRUPTED = "USER_INTERRUPTION"
 """The name of Uno's status after Ctrl-C, which it handles itself."""
 
 
+@described
 @dataclass(frozen=True)
 class Unopy(CallbackSolver):
     """Uno (Vanaret, Leyffer, arXiv:2406.13454), called without CasADi's interface.
@@ -289,75 +263,42 @@ class Unopy(CallbackSolver):
     max_iter: PositiveInt = 500
     time_limit: Positive = 60.0
 
-    name: ClassVar[str] = "unopy"
-    summary: ClassVar[str] = "Uno without CasADi's interface, exact derivatives; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(multipliers=True, time_limit=True)
-    # of the point where it ends with success; small steps and Fritz John points are failures
-    statuses: ClassVar[dict[str, Status]] = {
-        "FEASIBLE_KKT_POINT": Status.SOLVED,
-        "INFEASIBLE_STATIONARY_POINT": Status.INFEASIBLE,
-        "UNBOUNDED_OBJECTIVE": Status.DIVERGED,
-        "DIVERGING_ITERATE": Status.DIVERGED,
-    }
-    # of the method, where it does not end with success
-    limits: ClassVar[dict[str, Status]] = {
-        "ITERATION_LIMIT": Status.ITERATION_LIMIT,
-        "TIME_LIMIT": Status.TIME_LIMIT,
-    }
+    limits: ClassVar[Mapping[str, Status]]
 
-    @classmethod
-    def unavailable(cls) -> str:
-        """Why the package cannot be used in this installation; empty if it can."""
-        return "" if find_spec("unopy") else _NO_UNOPY
-
+    @override
     def quiet(self) -> AbstractContextManager[None]:
-        """See `CallbackSolver.quiet`."""
         return silence()  # it warns of rows without bounds on stdout
 
+    @override
     def optimize(self, nlp: Nlp, instance: Instances) -> Any:
-        """See `CallbackSolver.optimize`."""
         from unopy import UnoSolver  # optional
 
         solver = UnoSolver()
         solver.set_preset(self.preset)
-        for option, setting in self._options().items():
+        for option, setting in settings(self).items():
             solver.set_option(option, setting)
         return solver.optimize(_model(nlp, instance))
 
-    def answer(self, result: Any, instance: Instances) -> Answer:
-        """See `CallbackSolver.answer`."""
+    @override
+    def answer(self, result: Any) -> Answer:
         end, point = result.optimization_status.name, result.solution_status.name
         if end == INTERRUPTED:
             raise KeyboardInterrupt
-        length, value = instance.scale[0]
         bounds = np.add(result.lower_bound_dual_solution, result.upper_bound_dual_solution)
         return Answer(
-            x=length * np.array(result.primal_solution),
-            status=self.status(end, point),
+            np.array(result.primal_solution),
+            self.status(end, point),
             message=point if end == "SUCCESS" else end,
             iterations=int(result.number_iterations),
             evaluations=int(result.number_objective_evaluations),
             seconds=0.0,
-            multipliers=(
-                value / length * bounds,
-                value * np.array(result.constraint_dual_solution),
-            ),
+            multipliers=(bounds, np.array(result.constraint_dual_solution)),
         )
 
     def status(self, end: str, point: str) -> Status:
         """Status by the names of Uno's optimization status and solution status."""
         known = self.statuses.get(point) if end == "SUCCESS" else self.limits.get(end)
         return known or Status.FAILED
-
-    def _options(self) -> dict[str, Any]:
-        return {
-            "hessian_model": "exact",
-            "logger": "SILENT",
-            "primal_tolerance": float(self.tolerance),
-            "dual_tolerance": float(self.tolerance),
-            "max_iterations": self.max_iter,
-            "time_limit": float(self.time_limit),
-        }
 
 
 def _model(nlp: Nlp, instance: Instances) -> Any:

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar
 
+from typing_extensions import override
+
 from .._util.child import Channel, Child, ChildEndedError, ChildTimeoutError, packed
 from .._util.files import temporary_file
 from .._util.threads import locked_cache
@@ -58,8 +60,8 @@ class Isolated(Solver):
     name: ClassVar[str] = "isolated"
     summary: ClassVar[str] = "another solver in a process of its own, with a time limit"
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         return self.timed_answers(nlp, instances)[1]
 
     def timed_answers(self, nlp: Nlp, instances: Instances) -> tuple[float, list[Answer]]:
@@ -76,15 +78,17 @@ class Isolated(Solver):
             seconds, answers = seconds + build, answers + chunk
         return seconds, answers
 
+    @override
     def verified(
         self, nlp: Nlp, instance: Instances, answer: Answer, build_seconds: float = 0.0
     ) -> Solution:
-        """See `Solver.verified`; the solver's name is that of the solver inside."""
+        """The solution, with the name of the solver inside."""
         solution = super().verified(nlp, instance, answer, build_seconds)
         return replace(solution, solver=self.solver.name)
 
+    @override
     def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
-        """See `Solver.iterates`; None, too, if the process ends before it has them."""
+        """Points that the solver visits; None, too, if the process ends before it has them."""
         reply = None
         with suppress(ChildEndedError):
             reply = _worker(self).reply("iterates", nlp, instance, self.time_limit)

@@ -11,6 +11,7 @@ from functools import wraps
 from typing import Any, ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from .._util.threads import one_at_a_time
 from ..nlp.program import Instances, Nlp
@@ -24,7 +25,9 @@ from .base import (
     Positive,
     PositiveInt,
     Solver,
+    described,
     error_text,
+    settings,
 )
 
 
@@ -48,16 +51,17 @@ class ScipySolver(Solver):
         """Status of a result."""
         return Status.SOLVED if result.success else Status.FAILED
 
+    @override
     def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
         _ = nlp.evaluate, nlp.gradient, nlp.jacobian
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         return [self._solve(nlp, instances[i : i + 1]) for i in range(len(instances))]
 
+    @override
     def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
-        """See `Solver.iterates`; they are those of the function's ``callback``."""
+        """Points with which the function calls its ``callback``."""
         log = IterateLog()
         self._solve(nlp, instance, log)
         return log.iterates(np.clip(instance.x0[0], instance.lbx[0], instance.ubx[0]))
@@ -92,6 +96,7 @@ class ScipySolver(Solver):
         return answer(np.asarray(result.x, float), self.status(result), message, iterations)
 
 
+@described
 @dataclass(frozen=True)
 class Slsqp(ScipySolver):
     """SLSQP (Kraft, DFVLR-FB 88-28, 1988): BFGS and least-squares subproblems, dense.
@@ -109,16 +114,10 @@ class Slsqp(ScipySolver):
     max_iter: PositiveInt = 1000
     time_limit: Positive = 60.0
 
-    name: ClassVar[str] = "slsqp"
-    summary: ClassVar[str] = "SciPy's dense SQP with BFGS, exact gradients; any problem"
-    # by OptimizeResult.message; an incompatible quadratic subproblem proves nothing
-    statuses: ClassVar[dict[str, Status]] = {
-        "Optimization terminated successfully": Status.SOLVED,
-        "Iteration limit reached": Status.ITERATION_LIMIT,
-    }
+    statuses: ClassVar[Mapping[str, Status]]
 
+    @override
     def minimise(self, functions: Functions, bounds: Any) -> Any:
-        """See `ScipySolver.minimise`."""
         from scipy.optimize import NonlinearConstraint, minimize  # slow to import
 
         lower, upper = functions.instance.lbg[0], functions.instance.ubg[0]
@@ -131,11 +130,11 @@ class Slsqp(ScipySolver):
             bounds=bounds,
             constraints=[rows] if lower.size else [],
             callback=functions.log,
-            options={"ftol": self.tolerance, "maxiter": self.max_iter},
+            options=settings(self),
         )
 
+    @override
     def status(self, result: Any) -> Status:
-        """See `ScipySolver.status`."""
         return self.statuses.get(result.message, Status.FAILED)
 
 
@@ -173,8 +172,8 @@ class Minimize(ScipySolver):
         """The function's name."""
         return getattr(self.function, "__name__", type(self.function).__name__)
 
+    @override
     def minimise(self, functions: Functions, bounds: Any) -> Any:
-        """See `ScipySolver.minimise`."""
         options = dict(self.options)
         if functions.log is not None:
             options["callback"] = _recorded(functions.log, options.get("callback"))

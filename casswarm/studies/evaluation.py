@@ -1,4 +1,4 @@
-"""Exact laws of policies, estimates for large swarms, and the optimum of two members."""
+"""Exact laws of policies and their gradients, estimates for large swarms, optima of two members."""
 
 from __future__ import annotations
 
@@ -7,23 +7,34 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import ArrayLike
+from typing_extensions import Unpack
+
 from .._util.numbers import require_seed
 from .._util.progress import reporter
+from .._util.settings import (
+    EXACT,
+    Accuracy,
+    EvaluationKeywords,
+    Execution,
+    Keywords,
+    given_values,
+)
 from ..bounds import PairBound, pair_bound, require_pair
-from ..chain.distribution import OutcomeDistribution
-from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
+from ..chain.distribution import Estimate, OutcomeDistribution
+from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, sample_residual
+from ..chain.gradient import success_and_gradient
 from ..chain.monte_carlo import Chain
-from ..chain.stratified import MAX_PRUNED_FRACTION, VISITS, Estimate, sample_residual
-from ..chain.transition import Lattice
 from ..errors import PolicyError
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
 from ..policies import make_policy
+from ..policies.parametric import ParametricPolicy
 from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
-from ..solvers import Solver, make_solver
-from ..typing import FloatArray, Interval, Progress
-from .inputs import policy_list, policy_name, resolve_policy, study_guide
+from ..solvers import Solver
+from ..typing import FloatArray, Interval
+from .inputs import PosedStudy, policy_list, policy_name
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -32,19 +43,29 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-3
 MAX_STATES = 1_000_000
 MAX_STATES_OF_LARGE = 10_000  # with more than MAX_MEMBERS members
+MAX_STATES_OF_GRADIENT = 200_000
+TIME_LIMIT = 60.0
+
+MAX_PRUNED_FRACTION = 1e-5
+"""Largest fraction of a state's probability that an estimate prunes when it splits the state."""
+
+VISITS = 2.0
+"""Expected visits by R plain runs to the least probable state that is enumerated."""
+
+_UNLIMITED = 8.0  # ||V - V'||^2 <= 8 v_max^2 for any two velocities
 
 
 def evaluate(
     scenario: Scenario,
     policy: Any = "leader",
-    tolerance: float = TOLERANCE,
+    tolerance: float | None = None,
     *,
-    max_states: int | None = None,
-    aggregation_tol: float | None = None,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     solver_options: Mapping[str, Any] | None = None,
-    progress: Progress | bool | None = None,
+    accuracy: Accuracy | None = None,
+    execution: Execution | None = None,
+    **plain: Unpack[EvaluationKeywords],
 ) -> OutcomeDistribution:
     """Compute the outcome distribution of the chain under a policy, within proven bounds.
 
@@ -57,28 +78,29 @@ def evaluate(
     policy : str, Policy, or as in `simulate`
         One policy, or a list of one.
     tolerance : float
-        Width of the bounds: the probability mass of unlikely states that may be left out.
-    max_states : int
-        Maximum number of distinct states to solve, by default a million, or ten thousand with more
-        than 12 members. If that is too few for `tolerance`, the bounds are wider:
-        `OutcomeDistribution.residual_mass` is their width, and `OutcomeDistribution.advice` says
-        what would help.
-    aggregation_tol : float, optional
-        Largest spacing of the lattice of positions, in units of length. The policy's commands are
-        rounded so that members move to lattice points, within v_max and a_max, and nearly equal
-        states coincide. The bounds are proven for the policy with these commands. By default the
-        spacing is `Policy.decision_tol` times v_max dt, which rounds no more than the policy's
-        solver does: 2^-23 for policies that solve formation problems, 0 for all others. 0 rounds
-        nothing; coarser lattices often need fewer states, for a policy that is rounded more.
+        Width of the bounds, by default 1e-3: the probability mass of unlikely states that may be
+        left out.
     guide : Guide, optional
         Planned from the scenario by default.
     solver : str or Solver
         For the formation problems.
     solver_options : mapping, optional
         Options of a solver that is given by name.
-    progress : Progress or bool, optional
-        True for progress bars, or a function: see `Progress`. It receives the policy's name
-        and the enumerated probability mass, of a total of 1.
+    accuracy, execution, **plain
+        Values of `Accuracy` and `Execution`, in these records or as plain keywords:
+
+        - `max_states`, by default a million, or ten thousand with more than 12 members. If that is
+          too few for `tolerance`, the bounds are wider: `OutcomeDistribution.residual_mass` is
+          their width, and `OutcomeDistribution.advice` says what would help.
+        - `aggregation_tol`, the largest spacing of the lattice of positions, in units of length.
+          The policy's commands are rounded so that members move to lattice points, within v_max and
+          a_max, and nearly equal states coincide. The bounds are proven for the policy with these
+          commands. By default the spacing is `Policy.decision_tol` times v_max dt, which rounds no
+          more than the policy's solver does: 2^-23 for policies that solve formation problems, 0
+          for all others. 0 rounds nothing; coarser lattices often need fewer states, for a policy
+          that is rounded more.
+        - `progress`, which receives the policy's name and the enumerated probability mass, of a
+          total of 1.
 
     Returns
     -------
@@ -94,6 +116,8 @@ def evaluate(
         No guide was found.
     ValueError
         A tolerance outside [0, 1), or fewer than one state.
+    TypeError
+        A value that is given plainly and in a record, or is none of these.
 
     Examples
     --------
@@ -104,12 +128,12 @@ def evaluate(
     True
     """
     require_scenario("evaluate", scenario)
+    given = {**plain, "tolerance": tolerance}
+    values = given_values("evaluate", accuracy, execution, plain=given, **EXACT, progress=None)
+    tolerance, max_states, aggregation_tol, progress = values
     options = _options(scenario, tolerance, max_states)
-    expansion, _ = _expansion(
-        *(scenario, policy, options, aggregation_tol, guide, (solver, solver_options)),
-        reporter(progress),
-    )
-    return expansion.distribution()
+    inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
+    return _expansion(inputs, options, aggregation_tol)[0].distribution()
 
 
 def estimate(
@@ -118,13 +142,12 @@ def estimate(
     runs: int = 10_000,
     seed: int = 0,
     *,
-    max_states: int | None = None,
-    tolerance: float = TOLERANCE,
-    aggregation_tol: float | None = None,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     solver_options: Mapping[str, Any] | None = None,
-    progress: Progress | bool | None = None,
+    accuracy: Accuracy | None = None,
+    execution: Execution | None = None,
+    **plain: Unpack[Keywords],
 ) -> Estimate:
     """Estimate the success probability: probable states are enumerated, the rest is sampled.
 
@@ -138,12 +161,12 @@ def estimate(
     ----------
     scenario, policy, guide, solver, solver_options
         As in `evaluate`.
-    max_states, tolerance, aggregation_tol, progress
-        As in `evaluate`, for the enumerated part.
     runs : int
         Number of runs that sample the residual mass, at least 1.
     seed : int
         From 0 to 2^64 - 1.
+    accuracy, execution, **plain
+        As in `evaluate`, for the enumerated part, with `tolerance`, by default 1e-3.
 
     Returns
     -------
@@ -152,77 +175,251 @@ def estimate(
 
     Raises
     ------
-    PolicyError, PlanningError, ValueError
+    PolicyError, PlanningError, ValueError, TypeError
         As in `evaluate`; fewer than one run, or a seed out of range.
     """
     require_scenario("estimate", scenario)
     if runs < 1:
         raise ValueError(f"runs = {runs}; allowed: whole numbers from 1")
     seed = require_seed(seed)
+    values = given_values("estimate", accuracy, execution, plain=plain, **EXACT, progress=None)
+    tolerance, max_states, aggregation_tol, progress = values
     options = replace(
         _options(scenario, tolerance, max_states),
         max_pruned_fraction=MAX_PRUNED_FRACTION,
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
-    expansion, velocities = _expansion(
-        *(scenario, policy, options, aggregation_tol, guide, (solver, solver_options)),
-        reporter(progress),
-    )
+    inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
+    expansion, velocities = _expansion(inputs, options, aggregation_tol)
     chain = Chain(scenario, velocities, seed, lattice=expansion.options.lattice)
     return sample_residual(expansion, chain, runs)
 
 
-def _options(scenario: Scenario, tolerance: float, max_states: int | None) -> ExpansionOptions:
-    """Validated options of the enumeration."""
+def _options(
+    scenario: Scenario, tolerance: float, max_states: int | None, most: int = MAX_STATES
+) -> ExpansionOptions:
+    """Validated options of the enumeration, of at most `most` states by default."""
     if not 0 <= tolerance < 1:
         raise ValueError(f"tolerance = {tolerance}; allowed: from 0 to below 1")
     if max_states is None:
-        max_states = MAX_STATES if scenario.n <= MAX_MEMBERS else MAX_STATES_OF_LARGE
+        max_states = most if scenario.n <= MAX_MEMBERS else MAX_STATES_OF_LARGE
     if max_states < 1:
         raise ValueError(f"max_states = {max_states}; allowed: whole numbers from 1")
-    if scenario.n > MAX_MEMBERS and tolerance == 0:
+    if tolerance == 0:
+        _require_few(scenario, "a tolerance of 0 is", "give a larger tolerance")
+    return ExpansionOptions(tolerance, max_states)
+
+
+def _require_few(scenario: Scenario, what: str, advice: str) -> None:
+    """Raise PolicyError for a swarm whose 2^n outcomes of a step are too many."""
+    if scenario.n > MAX_MEMBERS:
         raise PolicyError(
-            f"{scenario.name} has {scenario.n} members; a tolerance of 0 is for at most "
-            f"{MAX_MEMBERS}, whose steps have {1 << MAX_MEMBERS} outcomes: give a larger tolerance",
+            f"{scenario.name} has {scenario.n} members; {what} for at most {MAX_MEMBERS}, whose "
+            f"steps have {1 << MAX_MEMBERS} outcomes: {advice}",
             scenario=scenario.name,
             members=scenario.n,
             max_members=MAX_MEMBERS,
         )
-    return ExpansionOptions(tolerance, max_states)
 
 
 def _expansion(
-    scenario: Scenario,
-    policy: Any,
-    options: ExpansionOptions,
-    aggregation_tol: float | None,
-    guide: Guide | None,
-    solver: tuple[str | Solver, Mapping[str, Any] | None],
-    progress: Progress | None,
+    inputs: tuple[Any, ...], options: ExpansionOptions, aggregation_tol: float | None
 ) -> tuple[StateSpaceExpansion, FloatArray]:
-    """Expand the chain's states; also returns V(-1)."""
-    listed = policy_list(policy)
-    if len(listed) > 1:
+    """Expand the chain's states, of the inputs of `PosedStudy.of`; also returns V(-1)."""
+    scenario, policy, *others = inputs
+    names = list(map(policy_name, listed := policy_list(policy)))
+    if len(names) > 1:
         raise PolicyError(
-            f"one policy is evaluated at a time, not {len(listed)}: "
-            f"{', '.join(map(policy_name, listed))}; call evaluate for each of them",
-            policies=list(map(policy_name, listed)),
+            f"one policy is evaluated at a time, not {len(names)}: {', '.join(names)}; call "
+            "evaluate for each of them",
+            policies=names,
         )
-    make_solver(solver[0], **(solver[1] or {}))  # before planning, which takes longer
-    guide = study_guide(scenario, guide, solver[0], progress)
-    resolved = resolve_policy(listed[0], scenario, guide, *solver)
-    lattice = Lattice.along(guide, scenario, aggregation_tol, resolved.decision_tol)
-    options = replace(options, lattice=lattice)
-    velocities = initial_velocities(scenario, guide)
-    expansion = StateSpaceExpansion(scenario, repeated(resolved), velocities, options)
-    expansion.expand(progress)
+    posed = PosedStudy.of(scenario, listed, *others)
+    options = replace(options, lattice=posed.lattice(aggregation_tol))
+    policy, velocities = repeated(posed.policies[0]), posed.velocities
+    expansion = StateSpaceExpansion(scenario, policy, velocities, options)
+    expansion.expand(posed.progress)
     return expansion, velocities
 
 
-VALUE_TOLERANCE = 1e-3
-TIME_LIMIT = 60.0
+@dataclass(frozen=True, eq=False)
+class SuccessGradient:
+    """Success probability of a parametric policy, and its derivatives.
 
-_UNLIMITED = 8.0  # ||V - V'||^2 <= 8 v_max^2 for any two velocities
+    Parameters
+    ----------
+    success : Interval
+        Bounds of the probability that at least one member arrives alive, as of `evaluate`.
+    objective : float
+        The number that is differentiated, a lower bound of the success: the lower end of `success`
+        without smoothing of arrivals, and less with it.
+    gradient : (p,)
+        Derivatives of `objective` with respect to the parameters, the followed histories of losses
+        being held fixed.
+    residual_mass : float
+        Probability mass of the histories that were not followed; the width of `success`.
+    states : int
+        Number of distinct states.
+    tolerance : float
+        Requested upper limit of `residual_mass`.
+    """
+
+    success: Interval
+    objective: float
+    gradient: FloatArray
+    residual_mass: float
+    states: int
+    tolerance: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether the bounds are as narrow as requested."""
+        return self.residual_mass <= self.tolerance
+
+    def __repr__(self) -> str:
+        low, high = self.success
+        return (
+            f"SuccessGradient(success=[{low:.6f}, {high:.6f}], objective={self.objective:.6f}, "
+            f"parameters={len(self.gradient)}, states={self.states})"
+        )
+
+
+def success_gradient(
+    scenario: Scenario,
+    policy: ParametricPolicy,
+    parameters: ArrayLike | None = None,
+    tolerance: float | None = None,
+    *,
+    arrival_smoothing: float = 0.0,
+    guide: Guide | None = None,
+    accuracy: Accuracy | None = None,
+    **plain: Unpack[EvaluationKeywords],
+) -> SuccessGradient:
+    """Differentiate the success of a policy with respect to its parameters, without sampling.
+
+    All histories of losses but improbable ones are followed. For each of them, states and
+    probabilities are functions of the parameters that are differentiated exactly, by an adjoint
+    recursion: the derivatives take a few times as long as the success itself, however many
+    parameters there are (``docs/policy-gradients.md``).
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of at most 12 members.
+    policy : ParametricPolicy
+        Made for this scenario.
+    parameters : array_like, shape (p,), optional
+        Where to differentiate; by default the policy's own parameters.
+    tolerance : float
+        Probability mass of the histories that may be left out, by default 1e-3. At 0 all are
+        followed, and success and gradient are exact but for rounding.
+    arrival_smoothing : float
+        Width w of the smoothing of arrivals, in units of length, from 0 to the target's radius R.
+        The success jumps where a member just reaches the target in some history, and its derivative
+        does not show it. With w > 0, `SuccessGradient.objective` counts a living member in the
+        target at the distance d from its centre as arrived with the probability
+        z^2 (3 - 2 z), where z = (R^2 - d^2) / (R^2 - (R - w)^2), at most 1. That is continuously
+        differentiable in d, and never more than the success.
+    guide : Guide, optional
+        Provides the initial velocities if the scenario says ``velocity = "guide"``; planned by
+        default.
+
+    accuracy, **plain
+        Values of `Accuracy`, in this record or as plain keywords:
+
+        - `max_states`, the maximum number of distinct states that are followed, by default 200,000.
+          If that is too few for `tolerance`, the bounds are wider.
+        - `aggregation_tol`, as in `evaluate`: the spacing of the lattice to which positions are
+          rounded, so that nearly equal states coincide; the value is that of the rounded policy,
+          and the rounding itself is not differentiated. By default 2^-36 v_max dt or as little as
+          double precision allows, far below what matters for derivatives; 0 rounds nothing.
+
+    Returns
+    -------
+    SuccessGradient
+
+    Raises
+    ------
+    PolicyError
+        A policy that is no `ParametricPolicy`, or has other members or limits than the scenario; a
+        swarm that is too large; a function that fails, or whose values or derivatives are not
+        finite.
+    PlanningError
+        No guide was found.
+    ValueError
+        A tolerance outside [0, 1), fewer than one state, or a width outside [0, R].
+    TypeError
+        As in `evaluate`.
+
+    Notes
+    -----
+    Derivatives are those where they exist. Kinks are where a velocity begins to be limited, jumps
+    where a member just reaches the target; both are of measure zero. What is left out is not
+    differentiated: for a fixed set of histories, their part of the objective is a lower bound of
+    the success at every parameter, and the gradient is that of this bound.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import numpy as np
+    >>> import casswarm as csw
+    >>> scenario = csw.load_scenario("barricade")
+    >>> guide = csw.plan(scenario)
+    >>> velocities = np.zeros((scenario.n_steps, 2))
+    >>> velocities[: len(guide.velocities)] = guide.velocities
+    >>> def common(step, positions, previous_velocities, alive, parameters):
+    ...     return ca.repmat(parameters[2 * step : 2 * step + 2].T, scenario.n, 1)
+    >>> policy = csw.ParametricPolicy(common, velocities.ravel(), scenario)
+    >>> csw.success_gradient(scenario, policy, guide=guide).gradient.shape
+    (36,)
+    """
+    require_scenario("success_gradient", scenario)
+    if not isinstance(policy, ParametricPolicy):
+        raise PolicyError(
+            f"success_gradient takes a ParametricPolicy, not {type(policy).__name__}: make one of "
+            "a function of CasADi, JAX or PyTorch by csw.ParametricPolicy(function, parameters, "
+            "scenario)",
+            policy=type(policy).__name__,
+        )
+    _require_fit(scenario, policy)
+    given = {**plain, "tolerance": tolerance}
+    values = given_values("success_gradient", accuracy, plain=given, **EXACT)
+    tolerance, max_states, aggregation_tol = values
+    options = _options(scenario, tolerance, max_states, MAX_STATES_OF_GRADIENT)
+    radius = scenario.target.radius
+    if not 0 <= arrival_smoothing <= radius:
+        raise ValueError(
+            f"arrival_smoothing = {arrival_smoothing}; allowed: from 0 to the target's radius, "
+            f"{radius:g}"
+        )
+    if parameters is not None:
+        policy = policy.with_parameters(parameters)
+    posed = PosedStudy.of(scenario, [policy], guide)
+    options = replace(options, lattice=posed.lattice(aggregation_tol))
+    expansion = StateSpaceExpansion(scenario, policy, posed.velocities, options)
+    objective, low, gradient, residual = success_and_gradient(expansion, policy, arrival_smoothing)
+    return SuccessGradient(
+        success=Interval(low, min(1.0, low + residual)),
+        objective=objective,
+        gradient=gradient,
+        residual_mass=residual,
+        states=expansion.solved,
+        tolerance=options.tolerance,
+    )
+
+
+def _require_fit(scenario: Scenario, policy: ParametricPolicy) -> None:
+    """Raise PolicyError for a policy of other members or limits, or a swarm that is too large."""
+    if policy.scenario.n != scenario.n or policy.motion != type(policy.motion).from_scenario(
+        scenario
+    ):
+        raise PolicyError(
+            f"policy {policy.name!r} is for {policy.scenario!r}, which has other members or limits "
+            f"of motion than {scenario!r}: make it with this scenario",
+            policy=policy.name,
+            scenario=scenario.name,
+        )
+    _require_few(scenario, "gradients are", "take fewer members")
 
 
 @dataclass(frozen=True)
@@ -257,7 +454,7 @@ class OptimalValue:
 
 def optimal_value(
     scenario: Scenario,
-    tolerance: float = VALUE_TOLERANCE,
+    tolerance: float = TOLERANCE,
     *,
     time_limit: float = TIME_LIMIT,
     guide: Guide | None = None,

@@ -4,35 +4,72 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from .._util.user_code import code_hash
+from ..chain.transition import Lattice
 from ..errors import PolicyError
 from ..guide.guide import Guide
-from ..guide.plan import guide_solver, plan
+from ..guide.plan import guide_solver, initial_velocities, plan
 from ..hazard import CustomHazard
 from ..policies import as_policy, make_policy
 from ..policies.base import Policy
 from ..policies.named import require_policy_name
 from ..policies.user import UserPolicy
-from ..solvers import Solver
-from ..typing import Progress
+from ..solvers import Solver, make_solver
+from ..typing import FloatArray, Progress
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
 
-def study_guide(
-    scenario: Scenario,
-    guide: Guide | None,
-    solver: str | Solver,
-    progress: Progress | None = None,
-) -> Guide:
-    """The guide that is given to a study, or the one it plans: without a certificate."""
-    if guide is not None:
-        return guide
-    return plan(scenario, guide_solver(solver), certify=False, progress=progress)
+@dataclass(frozen=True, eq=False)
+class PosedStudy:
+    """A scenario, its guide, and the policies that a study runs.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    guide : Guide
+    policies : list of Policy
+    progress : Progress, optional
+    """
+
+    scenario: Scenario
+    guide: Guide
+    policies: list[Policy]
+    progress: Progress | None
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        policies: Any,
+        guide: Guide | None,
+        solver: str | Solver = "auto",
+        solver_options: Mapping[str, Any] | None = None,
+        progress: Progress | None = None,
+    ) -> PosedStudy:
+        """Policies as in `policy_list`, and the guide as it is given, or planned uncertified."""
+        listed = policy_list(policies)
+        make_solver(solver, **(solver_options or {}))  # before planning, which takes longer
+        if guide is None:
+            guide = plan(scenario, guide_solver(solver), certify=False, progress=progress)
+        resolved = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
+        return cls(scenario, guide, resolved, progress)
+
+    @cached_property
+    def velocities(self) -> FloatArray:
+        """V(-1) (n, 2)."""
+        return initial_velocities(self.scenario, self.guide)
+
+    def lattice(self, aggregation_tol: float | None) -> Lattice | None:
+        """Lattice of the positions, by default as fine as the first policy decides."""
+        accuracy = self.policies[0].decision_tol
+        return Lattice.along(self.guide, self.scenario, aggregation_tol, accuracy)
 
 
 def resolve_policy(

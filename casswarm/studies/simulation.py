@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from numbers import Integral
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
+from numpy.typing import NDArray
+from typing_extensions import Unpack
 
-from .._util.checkpoint import Checkpoint, IfExists, file_name
+from .._util.checkpoint import Checkpoint, file_name, opened
 from .._util.child import Workers, done_jobs, require_sendable, require_workers
 from .._util.display import Displayed
 from .._util.numbers import require_seed
 from .._util.progress import reporter
+from .._util.settings import SAVED, Execution, SavedKeywords, given_values
 from ..chain.confidence import required_runs
 from ..chain.monte_carlo import Chain, Purpose, Runs, RunTrajectory
 from ..guide.guide import Guide
-from ..guide.plan import initial_velocities
 from ..policies.base import Policy
 from ..scenario.scenario_files import require_scenario
-from ..solvers import Solver, make_solver
+from ..solvers import Solver
 from ..typing import Progress
-from .inputs import policy_list, resolve_policy, study_guide, study_inputs
+from .inputs import PosedStudy, study_inputs
 from .tables import paired_table, run_table, summarise
 
 if TYPE_CHECKING:
@@ -96,11 +96,10 @@ def saved_results(
 ) -> dict[str, list[Runs]]:
     """Batches of a checkpoint by policy, without overlaps."""
     results: dict[str, list[Runs]] = {policy.name: [] for policy in policies}
-    if store is None:
-        return results
     by_file_name = {file_name(name): name for name in results}
-    for name in store.names():  # ordered by their first run
-        part = _saved_runs(store, name)
+    loaded = [] if store is None else [(name, store.load(name)) for name in store.names()]
+    for name, record in loaded:  # ordered by their first run
+        part = _saved_runs(record)
         policy = by_file_name.get(name.split("-", 2)[-1])
         if part is None or policy is None:
             continue
@@ -110,9 +109,8 @@ def saved_results(
     return results
 
 
-def _saved_runs(store: Checkpoint, name: str) -> Runs | None:
+def _saved_runs(record: Mapping[str, NDArray[Any]] | None) -> Runs | None:
     """Runs of a record; None if it holds no runs."""
-    record = store.load(name)
     try:
         return None if record is None else Runs.from_arrays(record)
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -200,15 +198,14 @@ def simulate(
     policies: Any = PAPER_POLICIES,
     runs: int = 1000,
     seed: int = 0,
-    workers: Workers = 1,
+    workers: Workers | None = None,
     *,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     solver_options: Mapping[str, Any] | None = None,
     save_trajectories: int = 1,
-    progress: Progress | bool | None = None,
-    checkpoint: Path | None = None,
-    if_exists: IfExists = "error",
+    execution: Execution | None = None,
+    **plain: Unpack[SavedKeywords],
 ) -> Study:
     """Estimate by Monte Carlo how often the swarm reaches the target under each policy.
 
@@ -227,10 +224,7 @@ def simulate(
     seed : int
         From 0 to 2^64 - 1.
     workers : int or executor
-        Number of processes; 1 stays in this process. In a script, more than one needs the guard
-        ``if __name__ == "__main__":``, since workers import the script again. Or an executor in
-        the style of `concurrent.futures`, such as Dask's ``client.get_executor()``. If a process
-        dies, its runs are simulated again.
+        Number of processes, by default this one only, or an executor: see `Execution`.
     guide : Guide, optional
         By default planned from the scenario, without a certificate; `Study.guide` is the one given.
     solver : str or Solver
@@ -239,14 +233,13 @@ def simulate(
         Options of a solver that is given by name.
     save_trajectories : int
         Number of runs per policy, the first ones, whose trajectories are saved.
-    progress : Progress or bool, optional
-        True for progress bars, or a function: see `Progress`. It receives a policy's name, the
-        number of its finished runs, and their total.
-    checkpoint : Path, optional
-        Folder in which results are saved as they are computed.
-    if_exists : {"error", "resume", "overwrite"}
-        If that folder holds an unfinished study: refuse it, continue it (the inputs must be equal;
-        the tables are those of an uninterrupted study), or start over.
+    execution, **plain
+        Workers and these values of `Execution`, in this record or as plain keywords:
+
+        - `progress`, which receives a policy's name, the number of its finished runs, and their
+          total.
+        - `checkpoint`, a folder in which results are saved as they are computed, and `if_exists`,
+          which is "error", "resume" or "overwrite": what to do with an unfinished study in it.
 
     Returns
     -------
@@ -262,6 +255,8 @@ def simulate(
         The folder is in use, was made with other inputs, or holds an unfinished study.
     ValueError
         Fewer than one run or worker, or a seed out of range.
+    TypeError
+        A value that is given plainly and in a record, or is none of these.
 
     Examples
     --------
@@ -275,38 +270,31 @@ def simulate(
     """
     require_scenario("simulate", scenario)
     seed, runs = require_seed(seed), _require_runs("runs", runs)
+    given = {**plain, "workers": workers}
+    values = given_values("simulate", execution, plain=given, workers=1, **SAVED)
+    workers, progress, checkpoint, if_exists = values
     progress = reporter(progress)
     require_workers(workers)
-    listed = policy_list(policies)
-    make_solver(solver, **(solver_options or {}))  # before planning, which takes longer
-    guide = study_guide(scenario, guide, solver, progress)
-    chosen = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
-    chain = Chain(scenario, initial_velocities(scenario, guide), seed)
-    with ExitStack() as stack:
-        store = None
-        if checkpoint is not None:
-            inputs = study_inputs(
-                "simulate",
-                scenario,
-                chosen,
-                guide=hashlib.sha256(guide.positions.tobytes()).hexdigest(),
-                runs=runs,
-                save_trajectories=int(save_trajectories),
-                seed=seed,
-                solver=f"{solver} {dict(solver_options)}" if solver_options else str(solver),
-            )
-            store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
-        results = saved_results(store, chosen, runs)
-        batches = missing_batches(chain, chosen, results, runs, save_trajectories, workers)
+    posed = PosedStudy.of(scenario, policies, guide, solver, solver_options, progress)
+    chain = Chain(scenario, posed.velocities, seed)
+    inputs = {
+        "guide": hashlib.sha256(posed.guide.positions.tobytes()).hexdigest(),
+        "runs": runs,
+        "save_trajectories": int(save_trajectories),
+        "seed": seed,
+        "solver": f"{solver} {dict(solver_options)}" if solver_options else str(solver),
+    }
+    described = partial(study_inputs, "simulate", scenario, posed.policies, **inputs)
+    with opened(checkpoint, described, if_exists) as store:
+        results = saved_results(store, posed.policies, runs)
+        batches = missing_batches(chain, posed.policies, results, runs, save_trajectories, workers)
         if workers != 1:
             require_sendable(dict(batches))
         simulate_batches(batches, workers, results, progress, runs, store)
-        if store is not None:
-            store.finish()
-        return _study(scenario, guide, seed, results)
+    return _study(posed, seed, results)
 
 
-def _study(scenario: Scenario, guide: Guide, seed: int, results: Mapping[str, list[Runs]]) -> Study:
+def _study(posed: PosedStudy, seed: int, results: Mapping[str, list[Runs]]) -> Study:
     tables, effort, trajectories = [], [], {}
     for name, batches in results.items():
         batches.sort(key=lambda part: part.first)
@@ -316,8 +304,8 @@ def _study(scenario: Scenario, guide: Guide, seed: int, results: Mapping[str, li
         effort.append({"policy": name, "states": states, "seconds": seconds})
     runs = pd.concat(tables, ignore_index=True)
     return Study(
-        scenario,
-        guide,
+        posed.scenario,
+        posed.guide,
         seed,
         summarise(runs),
         paired_table(runs),
@@ -359,11 +347,9 @@ def runs_needed(
     if not 0 < half_width < 0.5:
         raise ValueError(f"half_width = {half_width}; allowed: between 0 and 0.5")
     seed, pilot = require_seed(seed), _require_runs("pilot", pilot)
-    listed = policy_list(policies)
-    guide = study_guide(scenario, guide, solver)
-    chosen = [resolve_policy(p, scenario, guide, solver, None) for p in listed]
-    chain = Chain(scenario, initial_velocities(scenario, guide), seed, Purpose.PILOT)
-    successes = [int((chain.run(policy, 0, pilot).arrival >= 0).sum()) for policy in chosen]
+    posed = PosedStudy.of(scenario, policies, guide, solver)
+    chain = Chain(scenario, posed.velocities, seed, Purpose.PILOT)
+    successes = [int((chain.run(policy, 0, pilot).arrival >= 0).sum()) for policy in posed.policies]
     return max(required_runs(half_width, number, pilot) for number in successes)
 
 

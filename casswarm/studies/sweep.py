@@ -6,21 +6,21 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from typing_extensions import Unpack
 
-from .._util.checkpoint import Checkpoint, IfExists
-from .._util.child import Workers, done_jobs, require_sendable, require_workers
+from .._util.checkpoint import opened
+from .._util.child import done_jobs, require_sendable, require_workers
 from .._util.display import Displayed
 from .._util.numbers import require_seed
 from .._util.progress import reporter
+from .._util.settings import EXACT, SAVED, Accuracy, Execution, Keywords, given_values
 from .._util.text import counted
 from ..errors import CasswarmError, ScenarioError
 from ..guide.guide import Guide
@@ -29,7 +29,6 @@ from ..policies.base import Policy
 from ..scenario.scenario_files import require_scenario
 from ..scenario.variations import DERIVED, whole_numbers, with_parameters
 from ..solvers import make_solver
-from ..typing import Progress
 from .evaluation import evaluate
 from .inputs import policy_list, policy_name, study_inputs
 from .simulation import PAPER_POLICIES, simulate
@@ -180,14 +179,10 @@ def sweep(
     *,
     runs: int | None = None,
     seed: int = 0,
-    tolerance: float = 1e-3,
-    max_states: int | None = None,
-    aggregation_tol: float | None = None,
     solver: str = "auto",
-    workers: Workers = 1,
-    checkpoint: Path | None = None,
-    if_exists: IfExists = "error",
-    progress: Progress | bool | None = None,
+    accuracy: Accuracy | None = None,
+    execution: Execution | None = None,
+    **plain: Unpack[Keywords],
 ) -> Sweep:
     """Evaluate policies on every combination of parameter values.
 
@@ -207,17 +202,16 @@ def sweep(
         Number of runs per sweep point; without it, distributions are exact, as by `evaluate`.
     seed : int
         Of the runs, as in `simulate`; all sweep points see the same random numbers.
-    tolerance, max_states, aggregation_tol
-        As in `evaluate`.
     solver : str
         For the formation problems.
-    workers : int or executor
-        As in `simulate`; the jobs are sweep points.
-    checkpoint, if_exists
-        As in `simulate`; every sweep point is saved when it is finished.
-    progress : Progress or bool, optional
-        True for progress bars, or a function: see `Progress`. It receives "sweep points", the
-        number of finished ones, and their total.
+    accuracy, execution, **plain
+        Values of `Accuracy` and `Execution`, in these records or as plain keywords:
+
+        - `tolerance`, by default 1e-3, `max_states` and `aggregation_tol` as in `evaluate`.
+        - `workers` as in `simulate`; the jobs are sweep points.
+        - `checkpoint` and `if_exists` as in `simulate`; every sweep point is saved when it is
+          finished.
+        - `progress`, which receives "sweep points", the number of finished ones, and their total.
 
     Raises
     ------
@@ -225,40 +219,31 @@ def sweep(
         An unknown key, a key without values, or fractions for one of whole numbers, such as n.
     SolverError
         An unknown solver.
-    PolicyError, CheckpointError, ValueError
+    PolicyError, CheckpointError, ValueError, TypeError
         As in `simulate`.
     """
     require_scenario("sweep", scenario)
+    values = given_values("sweep", accuracy, execution, plain=plain, **EXACT, workers=1, **SAVED)
+    *exact, workers, progress, checkpoint, if_exists = values
     require_workers(workers)
     seed, progress = require_seed(seed), reporter(progress)
-    settings = _checked_settings(scenario, settings)
-    options: dict[str, Any] = {"solver": solver}
-    if runs is None:
-        options |= {"tolerance": tolerance, "max_states": max_states}
-        options["aggregation_tol"] = aggregation_tol
-    else:
-        options |= {"runs": int(runs), "seed": seed}
+    grid = _checked_settings(scenario, settings)
+    sampled = {"runs": int(runs), "seed": seed} if runs is not None else None
+    options = {"solver": solver, **(sampled or dict(zip(EXACT, exact, strict=True)))}
     listed = policy_list(policies)
     make_solver(solver)
     points = [
-        SweepPoint(scenario, dict(zip(settings, values, strict=True)), policy, options)
-        for values in product(*settings.values())
+        SweepPoint(scenario, dict(zip(grid, values, strict=True)), policy, options)
+        for values in product(*grid.values())
         for policy in listed
     ]
     names = [f"point-{index:06d}" for index in range(len(points))]  # of checkpoint records
+    # the order of the keys is that of the sweep points
+    inputs = {"settings": grid, "keys": list(grid), "options": options}
+    described = partial(study_inputs, "sweep", scenario, listed, **inputs)
     results: dict[int, dict[str, Any]] = {}
-    with ExitStack() as stack:
-        store = None
-        if checkpoint is not None:
-            inputs = study_inputs(
-                "sweep",
-                scenario,
-                listed,
-                settings=settings,
-                keys=list(settings),  # their order is that of the sweep points
-                options=options,
-            )
-            store = stack.enter_context(Checkpoint(checkpoint, inputs, if_exists))
+    with opened(checkpoint, described, if_exists) as store:
+        if store is not None:
             saved = {k: store.load_json(name) for k, name in enumerate(names)}
             # sweep points that failed are computed again
             results = {k: result for k, result in saved.items() if is_computed(result)}
@@ -271,13 +256,11 @@ def sweep(
                 store.save_json(names[missing[job]], result)
             if progress is not None:
                 progress("sweep points", len(results), len(points))
-        if store is not None:
-            store.finish()
     rows = [point.identity() | results[k]["columns"] for k, point in enumerate(points)]
     table = pd.DataFrame(rows).astype(dict.fromkeys(COUNTS, "Int64"))
     seconds = [results[k]["seconds"] for k in range(len(points))]
     effort = pd.DataFrame({"point": range(len(points)), "seconds": seconds})
-    return Sweep(scenario, tuple(settings), table, effort)
+    return Sweep(scenario, tuple(grid), table, effort)
 
 
 def _python_numbers(values: Sequence[Any]) -> Any:

@@ -11,9 +11,8 @@ import pandas as pd
 
 from .._util.text import counted
 from ..chain.confidence import Paired, wilson
-from ..chain.distribution import OutcomeDistribution
+from ..chain.distribution import Estimate, OutcomeDistribution
 from ..chain.monte_carlo import Runs, RunTrajectory
-from ..chain.stratified import Estimate
 from ..chain.transition import COUNTS
 from ..guide.guide import Guide
 from ..joint.swarm_plan import SwarmPlan

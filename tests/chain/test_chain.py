@@ -15,8 +15,7 @@ from scipy.stats import binomtest
 from small_scenarios import DT, Array, rate_by_hand, small
 
 from casswarm import Guide, Scenario, Study, plan, simulate
-from casswarm.chain import RunTrajectory
-from casswarm.chain.monte_carlo import uniforms
+from casswarm.chain import RunTrajectory, uniforms
 
 Flags = NDArray[np.bool_]
 Outcome = tuple[int, int]  # arrival step (-1: none), survivors

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from casswarm.chain import Purpose
-from casswarm.chain.monte_carlo import uniforms
+from casswarm.chain import Purpose, uniforms
 from casswarm.chain.states import distinct_states
 
 sizes = st.integers(1, 7)

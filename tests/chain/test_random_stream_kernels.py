@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from casswarm.chain import write_uniforms
-from casswarm.chain.monte_carlo import uniforms
+from casswarm.chain import uniforms, write_uniforms
 
 WORD = 2**64 - 1
 

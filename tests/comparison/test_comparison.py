@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from faulty_solvers import SlowAtFirst
-from known_problems import active_box, hs_1, hs_35, nearest_in_box
+from hock_schittkowski import published
+from known_problems import active_box, nearest_in_box
 
 import casswarm as csw
 from casswarm.comparison import (
@@ -219,7 +220,7 @@ def test_by_problem_and_failures_count_solvers(table):
 
 @pytest.fixture(scope="module")
 def known():
-    cases = {"corner": active_box(), "valley": hs_1(), "hs-35": hs_35()}
+    cases = {"corner": active_box(), "valley": published(1), "hs-35": published(35)}
     problems = [
         Problem(name, "known", case.nlp, {"cold": case.instance}) for name, case in cases.items()
     ]
@@ -292,7 +293,7 @@ def test_report_contains_every_solver(known):
 
 def test_compare_verifies_copies_on_the_original():
     """A copy of the same seed is the same, and finds the optimum of its original."""
-    case = hs_35()
+    case = published(35)
     problem = Problem("hs-35", "known", case.nlp, {"cold": case.instance})
     comparison, again = (
         csw.compare(problem, "ipopt", copies=2, seed=3, time_limit=20.0) for _ in range(2)

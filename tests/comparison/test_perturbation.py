@@ -6,21 +6,19 @@ import pickle
 
 import numpy as np
 import pytest
-from hock_schittkowski import published
+from hock_schittkowski import KNOWN, published
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known_problems import KNOWN, nearest_in_box, planar
+from known_problems import nearest_in_box, planar
 
 from casswarm.comparison import Problem
 from casswarm.comparison.perturbation import ProblemCopy, Reformulation, problem_copies
 from casswarm.nlp import Instances, Status, kkt_residuals
 from casswarm.solvers import Answer, Ipopt
 
-CASES = [make() for make in KNOWN]
-
 
 def problem(number: int) -> Problem:
-    case = CASES[number]
+    case = KNOWN[number]
     return Problem(case.nlp.name, "known", case.nlp, {"cold": case.instance})
 
 
@@ -32,10 +30,10 @@ def answer(x, multipliers=None) -> Answer:
     return Answer(x, Status.SOLVED, "", 0, 0, 0.0, multipliers)
 
 
-@given(st.integers(0, len(CASES) - 1), st.integers(0, 2**64 - 1))
+@given(st.integers(0, len(KNOWN) - 1), st.integers(0, 2**64 - 1))
 @settings(max_examples=50)
 def test_copy_has_the_functions_of_the_original(number: int, seed: int) -> None:
-    case, (_, copy) = CASES[number], copies_of(problem(number), 1, seed)
+    case, (_, copy) = KNOWN[number], copies_of(problem(number), 1, seed)
     start, change = copy.starts["cold"], copy.reformulation
     assert change is not None
     x = copy.restored(answer(start.x0[0])).x
@@ -48,10 +46,10 @@ def test_copy_has_the_functions_of_the_original(number: int, seed: int) -> None:
         np.testing.assert_array_equal(bound, getattr(case.instance, name)[0][change.variables])
 
 
-@given(st.integers(0, len(CASES) - 1), st.integers(0, 2**64 - 1))
+@given(st.integers(0, len(KNOWN) - 1), st.integers(0, 2**64 - 1))
 @settings(max_examples=50)
 def test_optimum_of_the_original_is_optimum_of_the_copy(number: int, seed: int) -> None:
-    case, (_, copy) = CASES[number], copies_of(problem(number), 1, seed)
+    case, (_, copy) = KNOWN[number], copies_of(problem(number), 1, seed)
     change = copy.reformulation
     assert change is not None
     y = (case.x / change.x_scale)[change.variables]
@@ -126,13 +124,13 @@ def test_copy_of_parametric_problem_pickles() -> None:
 
 
 def test_restored_answer_of_wrong_size_is_unchanged() -> None:
-    change = Reformulation.random(CASES[5].nlp, np.random.default_rng(0))
+    change = Reformulation.random(KNOWN[5].nlp, np.random.default_rng(0))
     wrong = answer(np.zeros(7))
     assert change.restored(wrong) is wrong
 
 
 def test_instances_scale_follows_the_objective() -> None:
-    case = CASES[5]
+    case = KNOWN[5]
     change = Reformulation.random(case.nlp, np.random.default_rng(0))
     changed = change.instances(case.instance)
     assert isinstance(changed, Instances)

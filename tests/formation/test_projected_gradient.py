@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 import pytest
 from formation_cases import formations
-from known_problems import hs_35, nearest_in_box, planar
+from hock_schittkowski import published
+from known_problems import nearest_in_box, planar
 
 from casswarm.errors import SolverError
 from casswarm.formation import ProjectedGradient
@@ -175,7 +176,7 @@ def test_projected_gradient_non_finite_gradient_fails(keep: Any) -> None:
 
 
 def test_projected_gradient_rejects_general_constraints() -> None:
-    case = hs_35()
+    case = published(35)
     with pytest.raises(SolverError) as caught:
         ProjectedGradient().solve(case.nlp, case.instance)
     assert str(caught.value) == (
@@ -187,7 +188,7 @@ def test_projected_gradient_rejects_general_constraints() -> None:
 def test_projected_gradient_accepts_box_only() -> None:
     x = ca.MX.sym("x", 3)  # no points in the plane
     nlp = Nlp("sphere", {"x": x}, {}, ca.sumsqr(x - 1), {})
-    case = hs_35()
+    case = published(35)
     none = np.empty((1, 0))
     instance = replace(case.instance, lbg=none, ubg=none)
     np.testing.assert_allclose(ProjectedGradient().solve(nlp, instance)[0].x, 1, atol=1e-6)

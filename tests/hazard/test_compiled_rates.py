@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from small_scenarios import patrolled
 
 import casswarm as csw
-from casswarm.hazard.compiled_rates import compiled_rates
+from casswarm.hazard import compiled_rates
 
 RADARS = [(1.0, 0.5), (-0.5, 2.0), (0.0, 0.0)]
 

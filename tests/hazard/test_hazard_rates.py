@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from casswarm import HazardError
 from casswarm._util.numbers import CORE_RADIUS
 from casswarm.hazard import Hazard, Saturation, SaturationCollision, regular
-from casswarm.hazard.kernel_hazard import differentiated_kernels
+from casswarm.hazard.codegen import differentiated_kernels
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
 KINDS = [Saturation, SaturationCollision]
@@ -279,7 +279,7 @@ def test_rates_of_batch_equal_single_states(
     rng = np.random.default_rng(n)
     states, alive = rng.normal(size=(23, n, 2)), rng.random((23, n)) < 0.7
     singles = np.array([hazard.rates(x, a) for x, a in zip(states, alive, strict=True)])
-    monkeypatch.setattr("casswarm.hazard.kernel_hazard._CHUNK_PAIRS", pairs)
+    monkeypatch.setattr("casswarm.hazard.array_rates._CHUNK_PAIRS", pairs)
     for size in (1, 2, 7, 23):
         for start in range(0, 23, size):
             part = slice(start, start + size)

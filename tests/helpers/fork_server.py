@@ -18,7 +18,7 @@ PRELOADED = (
     "casswarm.results.folder",
     "casswarm.studies.sweep",
     "casswarm.joint.search",
-    "casswarm.formation.spectral",
+    "casswarm.formation.projected_gradient",
     "casswarm.figures.animation",
     "casswarm.figures.success",
     "jinja2",

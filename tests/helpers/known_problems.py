@@ -1,4 +1,4 @@
-"""Problems whose solutions and multipliers are published, or follow by hand."""
+"""Problems whose solutions are known: the form of all, and those that follow by hand."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ INF = math.inf
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A problem, an instance of it, and its solution; multipliers are positive at upper bounds."""
+    """A problem, an instance of it, and its solution; multipliers are positive at upper bounds.
+
+    `local` are objectives of other minima, and `traits` say what is hard about it.
+    """
 
     nlp: Nlp
     instance: Instances
@@ -28,6 +31,8 @@ class Known:
     objective: float
     bound_multipliers: Array
     row_multipliers: Array
+    local: tuple[float, ...] = ()
+    traits: str = ""
 
 
 def known(
@@ -36,10 +41,12 @@ def known(
     solution: tuple[Sequence[float], float],
     start: Sequence[float],
     *,
-    box: tuple[Sequence[float], Sequence[float]] | None = None,
+    box: Sequence[Sequence[float]] | None = None,
     rows: dict[str, tuple[Callable[[Any], Any], float, float]] | None = None,
     bound_multipliers: Sequence[float] = (),
     row_multipliers: Sequence[float] = (),
+    local: tuple[float, ...] = (),
+    traits: str = "",
 ) -> Known:
     x, n, rows = ca.MX.sym("x", len(start)), len(start), rows or {}
     constraints = {row: function(x) for row, (function, _, _) in rows.items()}
@@ -59,6 +66,8 @@ def known(
         solution[1],
         np.array(bound_multipliers or [0.0] * n),
         np.array(row_multipliers or [0.0] * len(rows)),
+        local,
+        traits,
     )
 
 
@@ -72,94 +81,6 @@ def active_box() -> Known:
         box=([0, -3], [1, 3]),
         bound_multipliers=[2, 0],
     )
-
-
-def hs_1() -> Known:
-    """Rosenbrock's valley."""
-    return known(
-        "HS 1",
-        lambda x: 100 * (x[1] - x[0] ** 2) ** 2 + (1 - x[0]) ** 2,
-        ([1, 1], 0.0),
-        [-2, 1],
-        box=([-INF, -1.5], [INF, INF]),
-    )
-
-
-def hs_6() -> Known:
-    return known(
-        "HS 6",
-        lambda x: (1 - x[0]) ** 2,
-        ([1, 1], 0.0),
-        [-1.2, 1],
-        rows={"parabola": (lambda x: 10 * (x[1] - x[0] ** 2), 0, 0)},
-    )
-
-
-def hs_7() -> Known:
-    return known(
-        "HS 7",
-        lambda x: ca.log(1 + x[0] ** 2) - x[1],
-        ([0, math.sqrt(3)], -math.sqrt(3)),
-        [2, 2],
-        rows={"curve": (lambda x: (1 + x[0] ** 2) ** 2 + x[1] ** 2, 4, 4)},
-        row_multipliers=[1 / math.sqrt(12)],
-    )
-
-
-def hs_21() -> Known:
-    return known(
-        "HS 21",
-        lambda x: 0.01 * x[0] ** 2 + x[1] ** 2 - 100,
-        ([2, 0], -99.96),
-        [-1, -1],
-        box=([2, -50], [50, 50]),
-        rows={"slope": (lambda x: 10 * x[0] - x[1], 10, INF)},
-        bound_multipliers=[-0.04, 0],
-    )
-
-
-def hs_35() -> Known:
-    """Beale's problem."""
-    return known(
-        "HS 35",
-        lambda x: (
-            9
-            - 8 * x[0]
-            - 6 * x[1]
-            - 4 * x[2]
-            + 2 * x[0] ** 2
-            + 2 * x[1] ** 2
-            + x[2] ** 2
-            + 2 * x[0] * x[1]
-            + 2 * x[0] * x[2]
-        ),
-        ([4 / 3, 7 / 9, 4 / 9], 1 / 9),
-        [0.5, 0.5, 0.5],
-        box=([0, 0, 0], [INF, INF, INF]),
-        rows={"budget": (lambda x: x[0] + x[1] + 2 * x[2], -INF, 3)},
-        row_multipliers=[2 / 9],
-    )
-
-
-def hs_71() -> Known:
-    """The example of Ipopt's manual, which prints the multipliers."""
-    return known(
-        "HS 71",
-        lambda x: x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2],
-        ([1, 4.74299963, 3.82114998, 1.37940829], 17.0140173),
-        [1, 5, 5, 1],
-        box=([1, 1, 1, 1], [5, 5, 5, 5]),
-        rows={
-            "product": (lambda x: x[0] * x[1] * x[2] * x[3], 25, INF),
-            "sphere": (ca.sumsqr, 40, 40),
-        },
-        bound_multipliers=[-1.08787121, 0, 0, 0],
-        row_multipliers=[-0.55229366, 0.16146857],
-    )
-
-
-KNOWN = [active_box, hs_1, hs_6, hs_7, hs_21, hs_35, hs_71]
-"""W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming Codes, 1981; and a box."""
 
 
 def nearest_in_box(points: Array) -> tuple[Nlp, Instances]:

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from cutest_fakes import BIG, HS71, PYCUTEST, CUTEstProblem, Unconstrained
-from known_problems import hs_71
+from hock_schittkowski import published
 
 import casswarm as csw
 from casswarm._util.child import packed
@@ -64,7 +64,7 @@ def derivatives(nlp: Any, weights: tuple[float, float, float]) -> list[Any]:
 
 @pytest.mark.parametrize("weights", [(1.0, 0.5, -2.0), (0.0, 1.0, 1.0), (0.3, -1.0, 0.0)])
 def test_derivatives_equal_those_of_expressions(weights: tuple[float, float, float]) -> None:
-    expected = derivatives(hs_71().nlp, weights)
+    expected = derivatives(published(71).nlp, weights)
     rows = {"pycutest": slice(None), "s2mpj": slice(None, None, -1)}
     for kind, pose in KINDS.items():
         nlp, order = pose().nlp, rows[kind]

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
-from known_problems import (
-    INF,
-    KNOWN,
-    Known,
-    active_box,
-    hs_6,
-    hs_7,
-    hs_21,
-    hs_35,
-    hs_71,
-    known,
-    planar,
-)
+from hock_schittkowski import KNOWN, published
+from known_problems import INF, Known, active_box, known, planar
 
 from casswarm.nlp import Instances, Nlp, Residuals, kkt_residuals
 from casswarm.nlp.residuals import ACTIVE
 from casswarm.solvers import Ipopt
 
-each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
+each = pytest.mark.parametrize("case", KNOWN, ids=lambda case: case.nlp.name)
+with_multipliers = pytest.mark.parametrize(
+    "case",
+    [case for case in KNOWN if case.bound_multipliers.any() or case.row_multipliers.any()],
+    ids=lambda case: case.nlp.name,
+)
 
 ROUNDED = 3e-7  # the published digits of HS 71, times the curvature of its constraints
 
@@ -42,9 +35,8 @@ def judged(case: Known, x: object = None, *multipliers: object) -> Residuals:
 
 @each
 def test_kkt_residuals_vanish_at_solution(
-    problem: Callable[[], Known],
+    case: Known,
 ) -> None:
-    case = problem()
     residuals = judged(case, None, case.bound_multipliers, case.row_multipliers)
     assert residuals.violation < ROUNDED
     assert residuals.stationarity < ROUNDED
@@ -52,24 +44,23 @@ def test_kkt_residuals_vanish_at_solution(
 
 
 @each
-def test_estimated_multipliers_make_solution_stationary(problem: Callable[[], Known]) -> None:
-    residuals = judged(problem())
+def test_estimated_multipliers_make_solution_stationary(case: Known) -> None:
+    residuals = judged(case)
     assert residuals.stationarity < ROUNDED
     assert residuals.complementarity < ROUNDED
 
 
-@pytest.mark.parametrize("problem", [active_box, hs_7, hs_21, hs_35, hs_71])
-def test_multipliers_of_wrong_sign_are_not_stationary(problem: Callable[[], Known]) -> None:
-    case = problem()
+@with_multipliers
+def test_multipliers_of_wrong_sign_are_not_stationary(case: Known) -> None:
     residuals = judged(case, None, -case.bound_multipliers, -case.row_multipliers)
     largest = np.abs([*case.bound_multipliers, *case.row_multipliers]).max()
     assert residuals.stationarity > largest / 2
 
 
-@pytest.mark.parametrize("problem", [active_box, hs_7, hs_21, hs_35, hs_71])
-def test_multiplier_is_derivative_of_objective_by_bound(problem: Callable[[], Known]) -> None:
+@with_multipliers
+def test_multiplier_is_derivative_of_objective_by_bound(case: Known) -> None:
     """The sign convention: the optimal value falls by the multiplier where its bound rises."""
-    case, step, solver = problem(), 1e-4, Ipopt(tolerance=1e-11)
+    step, solver = 1e-4, Ipopt(tolerance=1e-11)
 
     def value(change: dict[str, np.ndarray]) -> float:
         moved = {name: getattr(case.instance, name) + by for name, by in change.items()}
@@ -87,9 +78,8 @@ def test_multiplier_is_derivative_of_objective_by_bound(problem: Callable[[], Kn
 
 @each
 def test_estimated_multipliers_match_those_of_ipopt(
-    problem: Callable[[], Known],
+    case: Known,
 ) -> None:
-    case = problem()
     solution = Ipopt().solve(case.nlp, case.instance)[0]
     estimated = kkt_residuals(case.nlp, case.instance, solution.x)
     assert solution.residuals.stationarity < 1e-6
@@ -99,10 +89,7 @@ def test_estimated_multipliers_match_those_of_ipopt(
 
 
 @each
-def test_sparse_estimate_equals_dense_one(
-    problem: Callable[[], Known], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    case = problem()
+def test_sparse_estimate_equals_dense_one(case: Known, monkeypatch: pytest.MonkeyPatch) -> None:
     dense = judged(case)
     monkeypatch.setattr("casswarm.nlp.residuals._MAX_DENSE", 0)
     sparse = judged(case)
@@ -117,7 +104,7 @@ def test_stationarity_is_largest_component_of_lagrangian_gradient() -> None:
     assert judged(case, [0.5, 2]).stationarity == 6  # gradient (-3, 6), no bound near
     assert judged(case, [0.5, 2], [1, 0], []).stationarity == 6
     assert judged(case, [0.5, 2], [-4, 0], []).stationarity == 7
-    assert judged(hs_6(), [0, 0], [0, 0], [1]).stationarity == 10  # (-2, 0) + (0, 10)
+    assert judged(published(6), [0, 0], [0, 0], [1]).stationarity == 10  # (-2, 0) + (0, 10)
 
 
 def test_inactive_bound_does_not_reduce_stationarity() -> None:
@@ -141,8 +128,8 @@ def test_complementarity_is_largest_product_with_slack() -> None:
 
 
 def test_multiplier_of_infinite_bound_has_unit_slack() -> None:
-    assert judged(hs_35(), None, [0.5, 0, 0], [2 / 9]).complementarity == 0.5
-    assert judged(hs_35(), None, [0, 0, 0], [-0.25]).complementarity == 0.25
+    assert judged(published(35), None, [0.5, 0, 0], [2 / 9]).complementarity == 0.5
+    assert judged(published(35), None, [0, 0, 0], [-0.25]).complementarity == 0.25
 
 
 # --- violation
@@ -189,8 +176,8 @@ def test_violated_row_is_named_by_block_and_index() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_non_finite_answer_has_infinite_residuals(value: float) -> None:
     expected = Residuals(INF, INF, INF, "not finite")
-    assert judged(hs_35(), [value, 0, 0]) == expected
-    assert judged(hs_35(), [value, 0, 0], [0, 0, 0], [0]) == expected
+    assert judged(published(35), [value, 0, 0]) == expected
+    assert judged(published(35), [value, 0, 0], [0, 0, 0], [0]) == expected
     unseen = known("unseen", lambda x: x[1] ** 2, ([0, 0], 0), [0, 0])
     assert judged(unseen, [value, 0]) == expected
 

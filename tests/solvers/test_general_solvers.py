@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from available_solvers import each
 from backend_cases import FORMATIONS, Case, formation, guide
-from hock_schittkowski import NUMBERS, published
-from known_problems import KNOWN, planar
+from hock_schittkowski import KNOWN, NUMBERS, published
+from known_problems import Known, planar
 
 from casswarm.motion import PlanarSets
 from casswarm.nlp import Instances, Solution, Status
@@ -147,9 +147,8 @@ MULTIPLIERS = [n for n in GENERAL if SOLVERS[n].capabilities.multipliers]
 
 
 @pytest.mark.parametrize("solver", each(MULTIPLIERS))
-@pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
-def test_multipliers_equal_published_ones(solver: str, problem: object) -> None:
-    case = problem()  # type: ignore[operator]
+@pytest.mark.parametrize("case", KNOWN, ids=lambda case: case.nlp.name)
+def test_multipliers_equal_published_ones(solver: str, case: Known) -> None:
     backend = make_solver(solver)
     backend.prepare(case.nlp)
     answer = backend.run(case.nlp, case.instance)[0]

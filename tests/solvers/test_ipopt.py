@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
-from known_problems import (
-    INF,
-    KNOWN,
-    Known,
-    active_box,
-    hs_1,
-    hs_21,
-    hs_35,
-    hs_71,
-    known,
-    nearest_in_box,
-)
+from hock_schittkowski import KNOWN, published
+from known_problems import INF, Known, active_box, known, nearest_in_box
 
 from casswarm.nlp import Nlp, Solution, Status
 from casswarm.solvers import Ipopt
 from casswarm.solvers import casadi_plugins as casadi_nlpsol
 
-each = pytest.mark.parametrize("problem", KNOWN, ids=lambda problem: problem.__name__)
+each = pytest.mark.parametrize("case", KNOWN, ids=lambda case: case.nlp.name)
 
 # every ApplicationReturnStatus of Ipopt (IpReturnCodes_inc.h), and what casswarm makes of it
 WORDS = {
@@ -61,8 +50,7 @@ def solve(case: Known, solver: Ipopt | None = None, **changes: Any) -> Solution:
 
 @each
 @pytest.mark.parametrize("hessian", ["exact", "limited-memory"])
-def test_ipopt_finds_published_solution(problem: Callable[[], Known], hessian: Any) -> None:
-    case = problem()
+def test_ipopt_finds_published_solution(case: Known, hessian: Any) -> None:
     solution = solve(case, Ipopt(hessian=hessian))
     assert solution.status is Status.SOLVED
     assert solution.message == "Solve_Succeeded"
@@ -75,29 +63,27 @@ def test_ipopt_finds_published_solution(problem: Callable[[], Known], hessian: A
 
 @pytest.mark.parametrize("hessian", ["exact", "limited-memory"])
 def test_ipopt_evaluates_hessian_only_if_exact(hessian: Any) -> None:
-    case, solver = hs_71(), Ipopt(hessian=hessian)
+    case, solver = published(71), Ipopt(hessian=hessian)
     solve(case, solver)
     calls = casadi_nlpsol._compiled(solver, case.nlp).stats().get("n_call_nlp_hess_l", 0)
     assert (calls > 0) == (hessian == "exact")
 
 
 @each
-def test_ipopt_unrolled_expressions_give_same_solution(problem: Callable[[], Known]) -> None:
-    case = problem()
+def test_ipopt_unrolled_expressions_give_same_solution(case: Known) -> None:
     unrolled = replace(case, nlp=replace(case.nlp, unroll=True))
     np.testing.assert_allclose(solve(unrolled).x, solve(case).x, atol=1e-6)
 
 
-@pytest.mark.parametrize("problem", [active_box, hs_1, hs_21, hs_71])
-def test_ipopt_answers_respect_bounds_exactly(problem: Callable[[], Known]) -> None:
-    case = problem()
+@pytest.mark.parametrize("case", [active_box(), *map(published, (1, 21, 71))])
+def test_ipopt_answers_respect_bounds_exactly(case: Known) -> None:
     x = solve(case).x
     assert (case.instance.lbx[0] <= x).all()
     assert (x <= case.instance.ubx[0]).all()
 
 
 def test_ipopt_tighter_tolerance_reduces_error() -> None:
-    case = hs_35()
+    case = published(35)
     errors = [
         np.abs(solve(case, Ipopt(tolerance=tolerance)).x - case.x).max()
         for tolerance in (1e-2, 1e-6, 1e-12)
@@ -107,7 +93,7 @@ def test_ipopt_tighter_tolerance_reduces_error() -> None:
 
 
 def test_ipopt_fixed_variable_keeps_value_and_multiplier() -> None:
-    case = hs_35()
+    case = published(35)
     fixed = np.array([[1.0, 0, 0]])
     upper = np.array([[1.0, INF, INF]])
     solution = solve(case, lbx=fixed, ubx=upper)
@@ -150,7 +136,7 @@ class Spoken:
         self.words = words
 
     def __call__(self, **_: object) -> dict[str, ca.DM]:
-        case = hs_35()
+        case = published(35)
         return {"x": ca.DM(case.x), "lam_x": ca.DM.zeros(3), "lam_g": ca.DM([2 / 9])}
 
     def stats(self) -> dict[str, object]:
@@ -162,7 +148,7 @@ class Spoken:
 @pytest.mark.parametrize("words", [*WORDS, "Unknown_Word", ""])
 def test_ipopt_return_status_maps_to_status(words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(casadi_nlpsol, "_compiled", lambda solver, nlp: Spoken(words))  # noqa: ARG005
-    solution = solve(hs_35())
+    solution = solve(published(35))
     assert solution.status is WORDS.get(words, Status.FAILED)
     assert solution.message == words
     assert (solution.iterations, solution.evaluations) == (5, 6)
@@ -176,21 +162,21 @@ def test_ipopt_status_table_contains_only_known_statuses() -> None:
 
 
 def test_ipopt_time_limit_is_not_success() -> None:
-    solution = solve(hs_71(), Ipopt(time_limit=1e-9))
+    solution = solve(published(71), Ipopt(time_limit=1e-9))
     assert solution.status is Status.TIME_LIMIT
     assert solution.message == "Maximum_WallTime_Exceeded"
 
 
 @pytest.mark.parametrize("iterations", [0, 1, 5])
 def test_ipopt_respects_max_iter(iterations: int) -> None:
-    solution = solve(hs_1(), Ipopt(max_iter=iterations))
+    solution = solve(published(1), Ipopt(max_iter=iterations))
     assert solution.status is Status.ITERATION_LIMIT
     assert solution.iterations == iterations
 
 
 def test_ipopt_reports_infeasible_problem() -> None:
     far: dict[str, Any] = {"lbx": np.array([[2.0, 2, 2]]), "ubx": np.array([[5.0, 5, 5]])}
-    solution = solve(hs_35(), **far)
+    solution = solve(published(35), **far)
     assert solution.status is Status.INFEASIBLE
     assert solution.message == "Infeasible_Problem_Detected"
     assert solution.residuals.violation == pytest.approx(5, abs=1e-4)
@@ -206,7 +192,7 @@ def test_ipopt_unbounded_problem_diverges() -> None:
 
 @pytest.mark.parametrize("changes", [{"lbx": np.nan}, {"ubg": np.nan}, {"x0": np.nan}])
 def test_ipopt_nan_bounds_or_x0_fail_without_raising(changes: dict[str, float]) -> None:
-    case = hs_35()
+    case = published(35)
     arrays = {name: np.full_like(getattr(case.instance, name), v) for name, v in changes.items()}
     solution = solve(case, **arrays)
     assert solution.status is Status.FAILED
@@ -214,10 +200,10 @@ def test_ipopt_nan_bounds_or_x0_fail_without_raising(changes: dict[str, float]) 
 
 
 def test_ipopt_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    solve(hs_71())
-    solve(hs_71(), Ipopt(max_iter=2))
-    solve(hs_71(), Ipopt(time_limit=1e-9))
-    solve(hs_35(), lbx=np.full((1, 3), 2.0))
+    solve(published(71))
+    solve(published(71), Ipopt(max_iter=2))
+    solve(published(71), Ipopt(time_limit=1e-9))
+    solve(published(35), lbx=np.full((1, 3), 2.0))
     solve(known("root", lambda x: ca.sqrt(x[0] - 9), ([9], 0), [0]))
     Ipopt().solve(*nearest_in_box(np.full((1, 2), np.nan)))
     assert capfd.readouterr() == ("", "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from more_hock_schittkowski import MORE, published_more
+from hock_schittkowski import MORE, published
 
 from casswarm.nlp import Instances
 from casswarm.solvers import FilterInteriorPoint, Ipopt
@@ -15,7 +15,7 @@ HIGH_ORDER = {46: 1e-5, 49: 1e-5}
 
 @pytest.mark.parametrize("number", MORE)
 def test_published_optimum_is_found(number: int) -> None:
-    known = published_more(number)
+    known = published(number)
     (solution,) = FilterInteriorPoint().solve(known.nlp, known.instance)
     optima = np.array([known.objective, *known.local])
     assert solution.status.success, solution
@@ -26,7 +26,7 @@ def test_published_optimum_is_found(number: int) -> None:
 
 @pytest.mark.parametrize("number", MORE)
 def test_batch_from_random_starts_is_solved_with_fallback(number: int) -> None:
-    known = published_more(number)
+    known = published(number)
     one, rng = known.instance, np.random.default_rng(number)
     x0 = one.x0 + 0.02 * rng.normal(size=(8, one.x0.shape[1])) * np.maximum(0.1, abs(one.x0))
     x0 = np.clip(x0, one.lbx, one.ubx)

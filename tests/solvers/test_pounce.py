@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from known_problems import hs_35, hs_71
+from hock_schittkowski import published
 
 from casswarm.errors import SolverError
 from casswarm.nlp import Instances, LagrangianHessian, Nlp, Status
@@ -50,7 +50,7 @@ needs_package = pytest.mark.skipif(bool(Pounce.unavailable()), reason=Pounce.una
 
 @pytest.mark.parametrize("message", STATUSES)
 def test_message_has_status(message: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    case = hs_71()
+    case = published(71)
 
     class Fake:
         def __init__(self, **given: Any) -> None:
@@ -77,7 +77,7 @@ def test_missing_package_is_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pounce, "version", missing)
     with pytest.raises(SolverError, match=r"'pounce' cannot run here: .*casswarm\[pounce\]"):
         make_solver("pounce")
-    case = hs_71()
+    case = published(71)
     with pytest.raises(SolverError, match="pounce-solver is not installed"):
         Pounce().solve(case.nlp, case.instance)
 
@@ -101,7 +101,7 @@ def test_infeasible_and_unbounded_problems_are_no_success() -> None:
 
 
 @needs_package
-@pytest.mark.parametrize("case", [hs_35(), hs_71()], ids=["inequality", "equality"])
+@pytest.mark.parametrize("case", [published(35), published(71)], ids=["inequality", "equality"])
 def test_answer_does_not_depend_on_scale(case: Any) -> None:
     (solution,) = Pounce().solve(case.nlp, case.instance)
     scaled = replace(case.instance, scale=np.array([[4.0, 0.25]]))
@@ -118,7 +118,7 @@ def test_answer_does_not_depend_on_scale(case: Any) -> None:
 @needs_package
 def test_own_hessian_is_used() -> None:
     """A program's own Hessian, in units of the scale, leads to the same steps as derivatives."""
-    case = hs_35()
+    case = published(35)
     x, lam_f = ca.MX.sym("x", 3), ca.MX.sym("lam_f")
     p, lam_g = ca.MX.sym("p", 0), ca.MX.sym("lam_g", 1)
     f = case.nlp.evaluate.call([x, p], True, False)[0]
@@ -133,7 +133,7 @@ def test_own_hessian_is_used() -> None:
 
 @needs_package
 def test_options_may_be_whole_numbers() -> None:
-    case = hs_35()
+    case = published(35)
     solver = Pounce(time_limit=5, mu_init=1)
     assert solver.solve(case.nlp, case.instance)[0].status is Status.SOLVED
 

@@ -8,9 +8,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from hock_schittkowski import KNOWN, published
 from hypothesis import given
 from hypothesis import strategies as st
-from known_problems import INF, KNOWN, Known, hs_35, known
+from known_problems import INF, Known, known
 
 from casswarm.nlp import relative_error
 
@@ -18,8 +19,8 @@ UNITS = st.sampled_from([1e-6, 1e-2, 1.0, 32.0, 1e5])
 
 
 def scaled(unit: float, objective: float, row: float) -> Known:
-    """hs_35 with other units of x, of f and of its constraint."""
-    original = hs_35()
+    """Problem 35 with other units of x, of f and of its constraint."""
+    original = published(35)
     function = ca.Function("f", [original.nlp.x], [original.nlp.objective, original.nlp.g])
 
     def part(number: int, factor: float) -> Callable[[Any], Any]:
@@ -37,9 +38,8 @@ def scaled(unit: float, objective: float, row: float) -> Known:
     )
 
 
-@pytest.mark.parametrize("make", KNOWN)
-def test_relative_error_at_published_optimum_is_small(make: Callable[[], Known]) -> None:
-    case = make()
+@pytest.mark.parametrize("case", KNOWN, ids=lambda case: case.nlp.name)
+def test_relative_error_at_published_optimum_is_small(case: Known) -> None:
     multipliers = case.bound_multipliers, case.row_multipliers
     assert relative_error(case.nlp, case.instance, case.x, multipliers) < 1e-7
     assert relative_error(case.nlp, case.instance, case.x) < 1e-5  # printed to eight digits

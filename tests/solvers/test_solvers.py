@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 import pytest
-from known_problems import active_box, hs_35, nearest_in_box
+from hock_schittkowski import published
+from known_problems import active_box, nearest_in_box
 
 from casswarm.errors import SolverError
 from casswarm.formation import ProjectedGradient
@@ -143,7 +144,7 @@ class FixedAnswer(Solver):
 
 
 def reported(*x: float, status: Status = Status.SOLVED) -> Solution:
-    case = hs_35()
+    case = published(35)
     return FixedAnswer(x, status).solve(case.nlp, case.instance)[0]
 
 

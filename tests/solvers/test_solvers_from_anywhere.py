@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hock_schittkowski import published
-from known_problems import hs_1, hs_35, hs_71
 from scipy.optimize import OptimizeResult, minimize
 
 from casswarm.errors import SolverError
@@ -34,14 +33,14 @@ def test_solver_finds_published_optimum(name: str, number: int) -> None:
 
 
 def test_nlpsol_status_is_that_of_casadi() -> None:
-    case = hs_71()
+    case = published(71)
     options = {"ipopt": {"max_iter": 1, "print_level": 0}}
     solution = NlpSol("ipopt", options).solve(case.nlp, case.instance)[0]
     assert solution.status is Status.ITERATION_LIMIT
 
 
 def test_nlpsol_rejects_unknown_plugin_and_option() -> None:
-    case = hs_35()
+    case = published(35)
     with pytest.raises(SolverError, match="nosuch cannot run here: the nlpsol plugin 'nosuch'"):
         NlpSol("nosuch").solve(case.nlp, case.instance)
     with pytest.raises(SolverError, match="cannot solve HS 35"):
@@ -49,7 +48,7 @@ def test_nlpsol_rejects_unknown_plugin_and_option() -> None:
 
 
 def test_minimize_passes_functions_bounds_and_constraints() -> None:
-    case = hs_71()
+    case = published(71)
     given = {}
 
     def inspect(fun, x0, jac, bounds, constraints, **options):
@@ -70,7 +69,7 @@ def test_minimize_passes_functions_bounds_and_constraints() -> None:
 
 
 def test_minimize_failure_and_time_limit_are_statuses() -> None:
-    case = hs_35()
+    case = published(35)
 
     def endless(fun, x0, **_):
         while True:
@@ -84,7 +83,7 @@ def test_minimize_failure_and_time_limit_are_statuses() -> None:
 
 
 def test_plugin_by_name_equals_its_class() -> None:
-    case = hs_71()
+    case = published(71)
     named = SOLVERS["plugin"].solve(case.nlp, case.instance)[0]
     own = Ipopt(tolerance=1e-9).solve(case.nlp, case.instance)[0]
     np.testing.assert_allclose(named.x, own.x, rtol=1e-6)
@@ -107,7 +106,7 @@ def test_callback_is_called_beside_the_recording_of_iterates(signature: str) -> 
     def of_result(*, intermediate_result: OptimizeResult) -> None:
         seen.append(np.array(intermediate_result.x))
 
-    case = hs_1()
+    case = published(1)
     solver = lbfgsb(of_point if signature == "x" else of_result)
     iterates = solver.iterates(case.nlp, case.instance)
     assert iterates is not None
@@ -119,7 +118,7 @@ def test_callback_can_stop_a_solve_whose_iterates_are_recorded() -> None:
     def stop(x: FloatArray) -> None:  # noqa: ARG001
         raise StopIteration
 
-    case = hs_1()
+    case = published(1)
     iterates = lbfgsb(stop).iterates(case.nlp, case.instance)
     assert iterates is not None
     assert iterates.numbers.tolist() == [0, 1]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 from hock_schittkowski import published
-from known_problems import hs_35, hs_71
 
 from casswarm.errors import SolverError
 from casswarm.nlp import Instances, Nlp, Status
@@ -61,17 +61,20 @@ def test_tables_have_every_name_of_the_package() -> None:
 
 
 def test_missing_package_is_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unopy, "find_spec", lambda _: None)
+    def missing(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(unopy, "version", missing)
     with pytest.raises(SolverError, match=r"'unopy' cannot run here: .*casswarm\[unopy\]"):
         make_solver("unopy")
-    case = hs_71()
+    case = published(71)
     with pytest.raises(SolverError, match="unopy is not installed"):
         Unopy().solve(case.nlp, case.instance)
 
 
 @needs_package
 @pytest.mark.parametrize("preset", ["filtersqp", "ipopt"])
-@pytest.mark.parametrize("case", [hs_35(), hs_71()], ids=["inequality", "equality"])
+@pytest.mark.parametrize("case", [published(35), published(71)], ids=["inequality", "equality"])
 def test_answer_does_not_depend_on_scale(preset: Any, case: Any) -> None:
     scaled = replace(case.instance, scale=np.array([[4.0, 0.25]]))
     for instance in (case.instance, scaled):
@@ -95,7 +98,7 @@ def test_answer_equals_that_of_casadis_interface(number: int) -> None:
 
 @needs_package
 def test_row_without_bounds_is_no_output(capfd: pytest.CaptureFixture[str]) -> None:
-    case = hs_71()
+    case = published(71)
     free = replace(case.instance, lbg=np.full((1, 2), -np.inf), ubg=np.full((1, 2), np.inf))
     assert Unopy().solve(case.nlp, free)[0].status is Status.SOLVED
     assert capfd.readouterr() == ("", "")
@@ -112,6 +115,6 @@ def test_infeasible_problem_is_reported() -> None:
 
 @needs_package
 def test_options_may_be_whole_numbers() -> None:
-    case = hs_35()
+    case = published(35)
     solver = Unopy(time_limit=5)
     assert solver.solve(case.nlp, case.instance)[0].status is Status.SOLVED

@@ -1,24 +1,59 @@
-"""Rates of a swarm's members in all sets of the living, with first and second derivatives."""
+"""Rates by NumPy: in batches of states, and of a swarm's members in sets of the living.
+
+For the latter, points (k, n, 2, l) are k blocks of l positions of the swarm, so that operations are
+vectorised over the lanes l of a block.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..hazard import KernelHazard
-from ..hazard.kernel_hazard import lowered_derivatives, lowered_kernels
-from ..problems.subsets import subsets
-from ..typing import FloatArray
-from .curvature_kernels import LANES
+from ..typing import BoolArray, FloatArray
+from .codegen import lowered_derivatives, lowered_kernels
+
+if TYPE_CHECKING:
+    from .kernel_hazard import KernelHazard
+
+LANES = 32
+"""Positions of the swarm in a block, for which an operation is done before the next one."""
+
+_CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB
 
 
-def blocked(steps: FloatArray) -> FloatArray:
-    """Arrays (k, ...) in blocks (ceil(k / LANES), ..., LANES); the last one fills the rest."""
-    size = len(steps)
-    filled = np.arange(-(-size // LANES) * LANES).clip(max=size - 1).reshape(-1, LANES)
+def state_rates(hazard: KernelHazard, positions: FloatArray, alive: BoolArray) -> FloatArray:
+    """Rates (B, n) of states (B, n, 2), (B, n), also of the destroyed."""
+    source, density, collision, combine = lowered_kernels(hazard)
+    n = positions.shape[1]
+    size = max(1, _CHUNK_PAIRS // (n * max(n, len(hazard.radars))))
+    rates = np.empty(alive.shape)
+    for part in (slice(first, first + size) for first in range(0, len(alive), size)):
+        x, living = positions[part], alive[part, None, :]
+        others = living & ~np.eye(n, dtype=bool)
+        with np.errstate(all="ignore"):  # `Hazard.rates` refuses values that are not finite
+            pairs = _squared_distances(x, x)
+            to_radars = _squared_distances(x, hazard.radar_positions[None])
+            rates[part] = combine(
+                np.sum(source(to_radars) * hazard.radar_strengths, axis=-1),
+                np.sum(density(pairs) * living, axis=-1),
+                np.sum(collision(pairs) * others, axis=-1),
+            )
+    return rates
+
+
+def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Squared distances (B, n, m) between (B, n, 2) and (B or 1, m, 2)."""
+    east = a[:, :, None, 0] - b[:, None, :, 0]
+    north = a[:, :, None, 1] - b[:, None, :, 1]
+    return np.asarray(east * east + north * north)
+
+
+def blocked(steps: FloatArray, lanes: int = LANES) -> FloatArray:
+    """Arrays (k, ...) in blocks (ceil(k / lanes), ..., lanes); the last one fills the rest."""
+    filled = np.arange(-(-len(steps) // lanes) * lanes).clip(max=len(steps) - 1).reshape(-1, lanes)
     return np.ascontiguousarray(np.moveaxis(steps[filled], 1, -1))
 
 
@@ -28,27 +63,31 @@ def unblocked(blocks: FloatArray, size: int) -> FloatArray:
     return np.ascontiguousarray(steps).reshape(-1, *steps.shape[2:])[:size]
 
 
-def set_rates(hazard: KernelHazard, points: FloatArray) -> FloatArray:
-    """Rates (k, 2^n, n, LANES) of all members in all sets, of swarms at points (k, n, 2, LANES)."""
+def set_rates(
+    hazard: KernelHazard, points: FloatArray, sets: BoolArray | None = None
+) -> FloatArray:
+    """Rates (k, m, n, l) of all members in sets (m, n), of swarms at points (k, n, 2, l).
+
+    By default in all 2^n sets, in the order of their bit masks.
+    """
     source, density, collision, combine = lowered_kernels(hazard)
     pairs = _squares(_differences(points))
-    with np.errstate(all="ignore"):  # values that are not finite end the solve
+    with np.errstate(all="ignore"):  # values that are not finite are found where they are used
         strengths = source(_squares(_to_radars(hazard, points)))
-        sums = _sums(hazard, strengths, density(pairs), collision(pairs), pairs)
-        return combine(*sums)
+        return combine(*_sums(hazard, sets, strengths, density(pairs), collision(pairs), pairs))
 
 
 @dataclass(frozen=True, eq=False)
 class LocalRates:
-    """Rates of n members in all sets, in blocks of positions of the swarm, with derivatives.
+    """Rates of n members in all m sets, in blocks of positions of the swarm, with derivatives.
 
     Parameters
     ----------
-    radars : (k, n, 5, LANES)
+    radars : (k, n, 5, l)
         Gradient and Hessian (xx, xy, yy) of the sum over radars in a member's position.
-    pairs : (k, 4, n, n, LANES)
+    pairs : (k, 4, n, n, l)
         First and second derivatives of density and collision in the squared distance.
-    rates : (k, 2^n, 10, n, LANES)
+    rates : (k, m, 10, n, l)
         Rate, and its gradient and the upper triangle of its Hessian in the three sums.
     """
 
@@ -58,7 +97,7 @@ class LocalRates:
 
     @classmethod
     def of(cls, hazard: KernelHazard, points: FloatArray) -> LocalRates:
-        """Rates of swarms at points (k, n, 2, LANES)."""
+        """Rates in all sets of swarms at points (k, n, 2, l)."""
         source, density, collision, combine = lowered_derivatives(hazard)
         to_radars, squares = _to_radars(hazard, points), _squares(_differences(points))
         with np.errstate(all="ignore"):  # values that are not finite end the solve
@@ -67,7 +106,7 @@ class LocalRates:
                 [_filled(density, 3, 1, squares), _filled(collision, 3, 1, squares)], axis=1
             )
             values = strengths[:, 0], of_pairs[:, 0], of_pairs[:, 3]
-            rates = _filled(combine, 10, 2, *_sums(hazard, *values, squares))
+            rates = _filled(combine, 10, 2, *_sums(hazard, None, *values, squares))
         own = np.arange(points.shape[1])
         of_pairs[:, :, own, own] = 0.0
         pairs = np.ascontiguousarray(of_pairs[:, [1, 2, 4, 5]])
@@ -75,7 +114,7 @@ class LocalRates:
 
 
 def _by_position(hazard: KernelHazard, strengths: FloatArray, to_radars: FloatArray) -> FloatArray:
-    """Derivatives of the sum over radars, from strengths (k, 3, n, r, LANES) of each."""
+    """Derivatives of the sum over radars, from strengths (k, 3, n, r, l) of each."""
     weights = hazard.radar_strengths[:, None]
     slope, bend = strengths[:, 1] * weights, strengths[:, 2] * weights
     x, y = to_radars[:, :, :, 0], to_radars[:, :, :, 1]
@@ -92,22 +131,23 @@ def _by_position(hazard: KernelHazard, strengths: FloatArray, to_radars: FloatAr
 
 def _sums(
     hazard: KernelHazard,
+    sets: BoolArray | None,
     strengths: FloatArray,
     density: FloatArray,
     collision: FloatArray,
     pairs: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Sums (k, 2^n, n, LANES) over radars, over living members, and over other living members."""
+    """Sums (k, m, n, l) over radars, over living members, and over other living members."""
     blocks, n, _, lanes = pairs.shape
-    members = subsets(n).members.astype(float)
     others = np.where(np.eye(n, dtype=bool)[..., None], 0.0, collision)
+    members = (np.arange(2**n)[:, None] >> np.arange(n)) & 1 if sets is None else sets
+    shape, members = (blocks, len(members), n, lanes), members.astype(float)
     densities, collisions = (
-        (members @ np.broadcast_to(values, pairs.shape).reshape(blocks, n, -1))
+        (members @ np.broadcast_to(values, pairs.shape).reshape(blocks, n, -1)).reshape(shape)
         for values in (density, others)
     )
-    shape = blocks, len(members), n, lanes
     by_radars = (strengths * hazard.radar_strengths[:, None]).sum(axis=2)[:, None]
-    return np.broadcast_to(by_radars, shape), densities.reshape(shape), collisions.reshape(shape)
+    return np.broadcast_to(by_radars, shape), densities, collisions
 
 
 def _filled(
@@ -122,12 +162,12 @@ def _filled(
 
 
 def _to_radars(hazard: KernelHazard, points: FloatArray) -> FloatArray:
-    """Differences (k, n, r, 2, LANES)."""
+    """Differences (k, n, r, 2, l)."""
     return np.asarray(points[:, :, None] - hazard.radar_positions[:, :, None])
 
 
 def _differences(points: FloatArray) -> FloatArray:
-    """Differences (k, n, n, 2, LANES)."""
+    """Differences (k, n, n, 2, l)."""
     return np.asarray(points[:, :, None] - points[:, None])
 
 
