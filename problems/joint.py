@@ -268,13 +268,8 @@ def joint_instances(
         _instance(nlp, form, task, steps, guess)
         for steps, guess in zip(arrivals, velocities, strict=True)
     ]
-
-    def joined(name: str) -> FloatArray:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    return Instances(
-        joined("x0"), joined("p"), joined("lbx"), joined("ubx"), joined("lbg"), joined("ubg")
-    )
+    names = "x0", "p", "lbx", "ubx", "lbg", "ubg"
+    return Instances(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def _instance(

@@ -28,6 +28,7 @@ from casswarm.guide import initial_velocities
 from casswarm.joint import PlanDistribution
 from casswarm.policies import JointPolicy
 from casswarm.problems import JointForm, JointTask, joint_instances, joint_nlp
+from casswarm.typing import Interval
 
 RADARS = [(1.0, 0.9), (2.2, -0.8)]
 
@@ -79,6 +80,11 @@ def by_hand(scenario: Scenario, positions: Array, objective: str) -> float:
     return value(0, (True,) * n)
 
 
+def proven(best: SwarmPlan) -> Interval:
+    assert best.success is not None
+    return best.success
+
+
 # --- distribution
 
 
@@ -95,10 +101,9 @@ def test_plan_distribution_random_paths_match_brute_force(objective: str) -> Non
 
 def test_swarm_plan_success_matches_evaluate(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, best = planned
-    assert best.success is not None
     distribution = evaluate(scenario, JointPolicy.from_plan(best), tolerance=0)
     assert distribution.residual_mass == 0
-    low, high = best.success
+    low, high = proven(best)
     assert low <= distribution.success[0] <= high
     assert high - low < 1e-10
     assert best.distribution is not None
@@ -127,9 +132,8 @@ def test_joint_policy_matches_sampling_without_saturation(
     )
     row = study.summary.iloc[0]
     assert row["saturated"] == 0
-    assert best.success is not None
-    spread = 4 * math.sqrt(best.success[0] * (1 - best.success[0]) / 4000) + 1e-3
-    assert abs(row["success"] - best.success[0]) < spread
+    spread = 4 * math.sqrt(proven(best)[0] * (1 - proven(best)[0]) / 4000) + 1e-3
+    assert abs(row["success"] - proven(best)[0]) < spread
 
 
 def test_joint_policy_by_name_follows_plan(planned: tuple[Scenario, SwarmPlan]) -> None:
@@ -221,8 +225,7 @@ def test_plan_swarm_single_member_matches_guide() -> None:
     scenario = small([(0.0, 0.0)], (3.0, 0.2), RADARS, 10, swarm__velocity=(1.0, 0.0))
     guide = plan(scenario, search="global", certify=False)
     best = plan_swarm(scenario)
-    assert best.success is not None
-    assert best.success[1] >= guide.survival - 1e-6
+    assert proven(best)[1] >= guide.survival - 1e-6
     assert best.value == pytest.approx(math.exp(-sum_of_risk(scenario, best)), abs=1e-12)
 
 
@@ -240,9 +243,8 @@ def test_plan_swarm_own_guides_of_single_member_are_formations() -> None:
 def test_plan_swarm_beats_paper_policies() -> None:
     scenario = pair()
     best = plan_swarm(scenario)
-    assert best.success is not None
     for name in ("naive", "leader"):
-        assert best.success[0] >= evaluate(scenario, name, 1e-2).success[1] - 1e-2
+        assert proven(best)[0] >= evaluate(scenario, name, 1e-2).success[1] - 1e-2
 
 
 @pytest.mark.slow
@@ -257,10 +259,9 @@ def test_plan_swarm_paper_scenarios_succeed_for_all_seeds(
         plan_swarm(scenario, seed=s, initial_guesses=["formations", "perturbed"]) for s in seeds
     ]
     for best in plans:
-        assert best.success is not None
-        assert best.success[0] > least
+        assert proven(best)[0] > least
         assert best.bound is not None
-        assert best.success[1] <= float(best.bound)
+        assert proven(best)[1] <= float(best.bound)
     assert abs(plans[0].value - plans[-1].value) < 1e-3
 
 
@@ -308,8 +309,7 @@ def test_plan_swarm_unreachable_target_is_not_prescribed() -> None:
     assert best.arrivals[1] == 0
     assert "1 of 2 members DO NOT ARRIVE" in str(best)
     distribution = evaluate(scenario, JointPolicy.from_plan(best), tolerance=0)
-    assert best.success is not None
-    assert best.success[0] <= distribution.success[0] <= best.success[1]
+    assert proven(best)[0] <= distribution.success[0] <= proven(best)[1]
 
 
 def gentle(positions: ca.MX, alive: ca.MX, radars: tuple[tuple[float, float], ...]) -> ca.MX:
@@ -323,11 +323,10 @@ def test_plan_swarm_custom_hazard_matches_evaluate() -> None:
     scenario = pair().with_hazard(gentle, radars=[(1.5, 0.0)])
     best = plan_swarm(scenario, initial_guesses=["formations"])
     distribution = evaluate(scenario, JointPolicy.from_plan(best), tolerance=0)
-    assert best.success is not None
-    assert best.success[0] <= distribution.success[0] <= best.success[1]
+    assert proven(best)[0] <= distribution.success[0] <= proven(best)[1]
     assert best.bound is not None
     assert not best.bound.certified
-    assert best.success.low > 0.1
+    assert proven(best).low > 0.1
     assert "CustomHazard does not provide" in str(best)
 
 
@@ -338,8 +337,7 @@ def test_plan_swarm_large_swarm_uses_mean_field() -> None:
     scenario = small(positions, (3.0, 0.2), RADARS, 8)
     best = plan_swarm(scenario)
     assert best.distribution is None
-    assert best.success is not None
-    assert best.success.low < best.success.high < best.value  # the mean field's is optimistic
+    assert proven(best).low < proven(best).high < best.value  # the mean field's is optimistic
     assert "by the mean field" in str(best)
     assert (best.arrivals > 0).all()
 
@@ -348,27 +346,23 @@ def test_plan_swarm_large_swarm_uses_mean_field() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("error", "wrong", "message"),
     [
-        ({"objective": "sucess"}, "did you mean 'success'"),
-        ({"initial_guesses": ["formation"]}, "did you mean 'formations'"),
-        ({"initial_guesses": "own"}, "expected a list of"),
-        ({"solver": "ipoptt"}, "ipopt"),
+        (SolverError, {"objective": "sucess"}, "did you mean 'success'"),
+        (SolverError, {"initial_guesses": ["formation"]}, "did you mean 'formations'"),
+        (SolverError, {"initial_guesses": "own"}, "expected a list of"),
+        (SolverError, {"solver": "ipoptt"}, "ipopt"),
+        (ValueError, {"min_distance": 0.0}, "above 0"),
+        (
+            ValueError,
+            {"min_distance": 0.6},
+            "members start 0.412311 apart; choose a smaller distance",
+        ),
+        (ValueError, {"time_limit": 0.0}, "seconds above 0"),
     ],
 )
-def test_plan_swarm_unknown_name_raises(wrong: dict[str, object], message: str) -> None:
-    with pytest.raises(SolverError, match=message):
-        plan_swarm(pair(), **wrong)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"min_distance": 0.0}, "above 0"),
-        ({"min_distance": 0.6}, "members start 0.412311 apart; choose a smaller distance"),
-        ({"time_limit": 0.0}, "seconds above 0"),
-    ],
-)
-def test_plan_swarm_number_out_of_range_raises(wrong: dict[str, float], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_plan_swarm_with_invalid_argument_raises(
+    error: type[Exception], wrong: dict[str, object], message: str
+) -> None:
+    with pytest.raises(error, match=message):
         plan_swarm(pair(), **wrong)  # type: ignore[arg-type]
