@@ -307,7 +307,7 @@ class Residuals:
     primal : (ng, b)
         g - s.
     largest : (5, b)
-        See `step_kernels.residuals`.
+        See `iterate_kernels.residuals`.
     """
 
     gradient: FloatArray
