@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import casswarm as csw
-from casswarm.exploration.server import page_server
+from casswarm.exploration.frontends import page_server
 from casswarm.exploration.session import Session
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))

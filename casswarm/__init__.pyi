@@ -20,7 +20,7 @@ from .errors import (
     SolverError,
     WorkerError,
 )
-from .exploration.widget import explore
+from .exploration.frontends import explore
 from .figures.animation import animate
 from .grid.value_function import CostToGoMap, ValueFunction
 from .guide.guide import Candidate, Guide

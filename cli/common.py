@@ -109,7 +109,7 @@ def load(common: ScenarioInput, values: Mapping[str, Any] | None = None) -> csw.
     if not changes:
         return scenario
     changed = scenario.with_values(changes)
-    from ..scenario.consistency import doubts
+    from ..scenario.model import doubts
 
     for text in doubts(changed):
         if text not in doubts(scenario):

@@ -59,7 +59,7 @@ def explore(exploring: ExploreOptions) -> None:
       casswarm explore mine.toml --out changed.toml --no-browser
     """
     with reported_errors():
-        from ..exploration.server import page_server
+        from ..exploration.frontends import page_server
         from ..exploration.session import Session
 
         out = exploring.out

@@ -15,7 +15,7 @@ from pathlib import Path
 from PIL import Image
 
 import casswarm as csw
-from casswarm.exploration.server import page_server
+from casswarm.exploration.frontends import page_server
 from casswarm.exploration.session import Session
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -17,8 +17,7 @@ import numpy as np
 
 from .._util.threads import locked_cache
 from ..hazard import Hazard
-from ..policies.functions import BatchFunction
-from ..policies.parametric import ParametricPolicy
+from ..policies.parametric import BatchFunction, ParametricPolicy
 from ..typing import BoolArray, FloatArray, IntArray
 from . import gradient_kernels as kernels
 from .outcome_kernels import Outcomes, Step, Totals

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._util.figure_style import BLUE, add_legend, add_title, marker, themed
 from .._util.numbers import MAX_SEED, require_seed
 from ..errors import EnvError
-from ..figures.base_map import add_start, base_map
+from ..figures.maps import add_start, base_map
 from ..guide.guide import Guide
 from ..policies.observation import Observation
 from ..scenario import Scenario

@@ -1,21 +1,30 @@
-"""Answers about a scenario in stages: the guide first, then its bound, runs, and exact bounds."""
+"""Answers about a scenario in stages, and the process that computes them.
+
+The guide comes first, then its bound, runs, and exact bounds. The process answers the newest
+question, and ends with the process that asks.
+"""
 
 from __future__ import annotations
 
+import pickle
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from threading import RLock, Timer
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.child import Channel, Child, packed
 from .._util.user_code import USER_ERRORS, failure_text
 from ..chain.distribution import OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
 from ..chain.transition import Lattice
 from ..errors import CasswarmError
-from ..guide.certificate import certify_guide
+from ..guide import certify_guide
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan, plan_from
 from ..policies.base import Policy
@@ -37,22 +46,12 @@ _DECADES = 1e3  # ratio of the ends of the scale
 
 @dataclass(frozen=True, eq=False)
 class HazardMap:
-    """Rates of a single agent at the pixels of a square map, on a logarithmic scale.
+    """Rates of a single agent at the pixels of a square map, on a logarithmic scale."""
 
-    Parameters
-    ----------
-    low, high : (2,)
-        Corners of the map.
-    frame : (2, 2)
-        Corners of the square within it that holds all points.
-    shades : (SIZE, SIZE) uint8
-        Row by row from the bottom; 255 for the highest rates.
-    """
-
-    low: FloatArray
+    low: FloatArray  # corners (2,) of the map
     high: FloatArray
-    frame: FloatArray
-    shades: NDArray[np.uint8]
+    frame: FloatArray  # corners (2, 2) of the square within it that holds all points
+    shades: NDArray[np.uint8]  # (SIZE, SIZE), row by row from the bottom; 255 for the highest rates
 
     @classmethod
     def around(cls, scenario: Scenario, guide: Guide) -> HazardMap:
@@ -104,48 +103,24 @@ class Superseded(Exception):  # noqa: N818  (no failure)
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked: the success of a policy on a scenario.
+    """What is asked: the success of a policy on a scenario."""
 
-    Parameters
-    ----------
-    version : int
-        Number of the question; larger ones are newer.
-    scenario : Scenario
-    policy : str
-    """
-
-    version: int
+    version: int  # larger ones are newer
     scenario: Scenario
     policy: str
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What is known so far about a question.
-
-    Parameters
-    ----------
-    question : Question
-    hazard_map : HazardMap, optional
-    guide : Guide, optional
-        With a lower bound on the risk once it is proven.
-    study : Study, optional
-        The largest study so far.
-    distribution : OutcomeDistribution, optional
-        With bounds that become narrower.
-    failure : str
-        Why there is no guide, or no success probability; empty if all is well.
-    done : bool
-        Whether nothing is added any more.
-    """
+    """What is known so far about a question."""
 
     question: Question
     hazard_map: HazardMap | None = None
-    guide: Guide | None = None
-    study: Study | None = None
-    distribution: OutcomeDistribution | None = None
-    failure: str = ""
-    done: bool = False
+    guide: Guide | None = None  # with a lower bound on the risk once it is proven
+    study: Study | None = None  # the largest one so far
+    distribution: OutcomeDistribution | None = None  # with bounds that become narrower
+    failure: str = ""  # why there is no guide, or no success probability
+    done: bool = False  # nothing is added any more
 
     @property
     def success(self) -> tuple[Interval, bool] | None:
@@ -166,13 +141,8 @@ class Answer:
 class Inquiry:
     """The work on a question, which publishes what is known whenever something is added.
 
-    Parameters
-    ----------
-    question : Question
-    publish : callable
-        Receives every `Answer`; the last one has `done`.
-    interrupt : callable
-        Called between the parts of the work once there is a guide; it may raise `Superseded`.
+    `publish` receives every `Answer`; the last one has `done`. `interrupt` is called between the
+    parts of the work once there is a guide; it may raise `Superseded`.
     """
 
     def __init__(
@@ -181,12 +151,9 @@ class Inquiry:
         self.answer, self._publish, self._interrupt = Answer(question), publish, interrupt
 
     def run(self, previous: Guide | None = None) -> None:
-        """Answer the question; errors become the answer's `failure`.
+        """Answer the question, first by a search that starts from the guide of a similar scenario.
 
-        Parameters
-        ----------
-        previous : Guide, optional
-            Guide of a similar scenario: a search that starts from it is the first to answer.
+        Errors become the answer's `failure`.
         """
         try:
             self._plan(previous)
@@ -301,3 +268,110 @@ def _planned_near(scenario: Scenario, previous: Guide) -> Guide | None:
     initial = None if velocity == "guide" else velocity
     guide = plan_from(scenario, scenario.guide_start, near=previous, initial_velocity=initial)
     return guide if guide.arrives else None
+
+
+GRACE = 2.0
+"""Seconds after which work is ended that does not make way for a newer question."""
+
+IDLE = 600.0
+"""Seconds after a complete answer until the process ends: a view may go without saying so."""
+
+
+class Worker:
+    """A process that answers the newest question, and drops older ones once their guide is out.
+
+    It starts with the first question, and ends when it is idle. If it dies, the question fails.
+    The next question then starts another process.
+    `receive` is called with every `Answer`, in a thread of its own.
+    """
+
+    def __init__(self, receive: Callable[[Answer], None]) -> None:
+        self._receive, self._lock = receive, RLock()
+        self._child: Child | None = None
+        self._wanted: Question | None = None
+        self._latest: Answer | None = None
+
+    def ask(self, question: Question) -> None:
+        """Ask a question, which makes all others obsolete; it must be one that can be pickled."""
+        content = packed(question)
+        with self._lock:
+            self._wanted = question
+            if self._child is None:
+                self._child, self._latest = Child(_answer_questions), None
+                self._child.listen(partial(self._take, self._child))
+            with suppress(OSError):  # the process has died: the thread that reads will report it
+                self._child.send(content)
+        if self._is_late(question):
+            _later(GRACE, self._restart_if_late, question)
+
+    def close(self) -> None:
+        """End the process, whatever it does; the next question starts another one."""
+        with self._lock:
+            child, self._child = self._child, None
+            self._latest = self._wanted = None
+        if child is not None:
+            child.end()
+
+    def _take(self, child: Child, content: bytes) -> None:
+        """Pass on an answer, or report that the process ended."""
+        answer: Answer | None = pickle.loads(content) if content else None
+        with self._lock:
+            if child is not self._child or self._wanted is None:
+                return
+            if answer is None:
+                self._child = None
+                text = "the process that computes ended unexpectedly; any change starts it again"
+                answer = Answer(self._wanted, failure=text, done=True)
+            else:
+                self._latest = answer
+        self._receive(answer)
+        if content and answer.done:
+            _later(IDLE, self._end_if_idle, answer.question.version)
+
+    def _is_late(self, question: Question) -> bool:
+        """Whether the process works on an older question although its guide is out."""
+        with self._lock:
+            latest = self._latest
+            return (
+                latest is not None
+                and latest.guide is not None
+                and not latest.done
+                and latest.question.version < question.version
+            )
+
+    def _restart_if_late(self, question: Question) -> None:
+        with self._lock:
+            newest = self._wanted
+            if newest is None or not self._is_late(question):
+                return
+            self.close()
+        self.ask(newest)
+
+    def _end_if_idle(self, version: int) -> None:
+        with self._lock:
+            if self._wanted is not None and self._wanted.version == version:
+                self.close()
+
+
+def _later(seconds: float, function: Callable[..., None], *arguments: object) -> None:
+    """Call a function in a thread of its own, unless Python ends before."""
+    timer = Timer(seconds, function, arguments)
+    timer.daemon = True
+    timer.start()
+
+
+def _answer_questions(channel: Channel) -> None:
+    """Answer questions, in the other process, until this one ends."""
+
+    def poll() -> None:
+        if channel.waiting:
+            raise Superseded
+
+    previous: Guide | None = None
+    for question in channel.requests():
+        if channel.waiting:  # for a newer one
+            continue
+        inquiry = Inquiry(pickle.loads(question), lambda answer: channel.send(packed(answer)), poll)
+        with suppress(Superseded):
+            inquiry.run(previous)
+        previous = inquiry.answer.guide or previous

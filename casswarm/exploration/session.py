@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from pickle import PicklingError
 from threading import Condition
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..errors import CasswarmError, PlanningError
 from ..guide.guide import Guide
@@ -16,23 +16,14 @@ from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario, save_scenario
 from ..scenario.variations import with_parameters
 from ..studies.simulation import Study
-from .answers import Answer, Question
-from .worker import Worker
-
-if TYPE_CHECKING:
-    from ..scenario import Scenario
+from .answers import Answer, Question, Worker
 
 
 @dataclass(frozen=True)
 class Moment:
     """A state of the history.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    policy : str
-    gesture : object
-        Changes of one gesture, such as a drag, are one state; None is a gesture of its own.
+    Changes of one gesture, such as a drag, are one state; None is a gesture of its own.
     """
 
     scenario: Scenario
@@ -101,23 +92,7 @@ class Session:
     Every change asks a `Worker`, which answers in stages. An impossible scenario changes nothing:
     `problem` says why. Methods may be called from any thread.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    policy : str
-        Name of a policy.
-    file : Path, optional
-        Where `save` writes, by default a new file NAME-explored.toml in the current folder.
-
-    Attributes
-    ----------
-    history : History
-    problem : str
-        Why the last change was refused; empty if it was not.
-    answer : Answer or None
-        What is known about the present scenario; None before the first stage.
-    last_good : Answer or None
-        The last answer with a guide that arrives.
+    `save` writes to `file`, by default a new one, NAME-explored.toml in the current folder.
     """
 
     def __init__(
@@ -130,9 +105,9 @@ class Session:
         self._listeners: list[Callable[[], None]] = []
         self._lock, self._asked = Condition(), False
         self._worker = Worker(self._receive)
-        self.problem = ""
-        self.answer: Answer | None = None
-        self.last_good: Answer | None = None
+        self.problem = ""  # why the last change was refused
+        self.answer: Answer | None = None  # about the present scenario; None before the first stage
+        self.last_good: Answer | None = None  # with a guide that arrives
 
     @property
     def scenario(self) -> Scenario:
@@ -218,38 +193,20 @@ class Session:
 
     @property
     def guide(self) -> Guide:
-        """Guide of the present scenario; waits until it is planned.
-
-        Raises
-        ------
-        PlanningError
-            The present scenario has none.
-        """
+        """Guide of the present scenario; waits until it is planned, or raises PlanningError."""
         guide = self._awaited("guide")
         assert isinstance(guide, Guide)
         return guide
 
     @property
     def study(self) -> Study:
-        """The largest study of the present scenario and policy so far; waits for the first.
-
-        Raises
-        ------
-        PlanningError
-            The present scenario has no guide, or the policy cannot be applied to it.
-        """
+        """The largest study of the present scenario and policy so far; waits for the first."""
         study = self._awaited("study")
         assert isinstance(study, Study)
         return study
 
     def wait(self, timeout: float | None = None) -> Answer:
-        """Wait until nothing is added to the answer any more, and return it.
-
-        Raises
-        ------
-        TimeoutError
-            That takes longer than `timeout` seconds.
-        """
+        """Wait for the complete answer, or raise TimeoutError after `timeout` seconds."""
         with self._lock:
             if not self._until(lambda answer: answer.done, timeout):
                 raise TimeoutError(f"no complete answer within {timeout:g} s")
@@ -339,13 +296,7 @@ class Session:
     # --- files
 
     def save(self) -> Path:
-        """Write the present scenario to its file, and return the path.
-
-        Raises
-        ------
-        ScenarioError
-            The file cannot be written, or cannot name the hazard.
-        """
+        """Write the present scenario to its file, and return the path."""
         with self._lock:
             if self._file is None:
                 self._file = _new_file(self.scenario.name)

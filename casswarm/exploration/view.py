@@ -52,14 +52,7 @@ CHOICES = {"guide.search": ("local", "global"), "guide.arrival": ("any", "horizo
 class Parameter:
     """A number with a slider, on a logarithmic scale unless it is whole.
 
-    Parameters
-    ----------
-    key : str
-        As in `casswarm.sweep`.
-    low, high : float
-    whole : bool
-        Whether the values are whole numbers.
-    description : str
+    Its key is that of `casswarm.sweep`.
     """
 
     key: str
@@ -106,14 +99,7 @@ _UNSUPPORTED = "the page sent something unknown; load it again"
 
 
 class View:
-    """One widget or page of a session.
-
-    Parameters
-    ----------
-    session : Session
-    send : callable
-        Sends a message to the page; called from any thread.
-    """
+    """One widget or page of a session, to which `send` sends messages, from any thread."""
 
     def __init__(self, session: Session, send: Callable[[Message], None]) -> None:
         self._session, self._send = session, send

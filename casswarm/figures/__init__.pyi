@@ -1,17 +1,18 @@
 from .animation import animate, player, save_gif
 from .formations import formation_chart
-from .image_files import save
-from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
-from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table_2_chart
-from .solver_charts import (
+from .image_files import (
+    THEMES,
     band_chart,
     gap_chart,
     pair_chart,
     profile_chart,
     ranking_chart,
+    save,
+    theme,
     win_chart,
 )
-from .style import THEMES, theme
+from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
+from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table_2_chart
 from .success import (
     arrival_chart,
     difference_chart,

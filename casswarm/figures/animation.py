@@ -36,7 +36,6 @@ from ..chain.monte_carlo import RunTrajectory
 from ..guide.guide import Guide
 from ..scenario import Scenario
 from ..typing import FloatArray, Progress
-from .base_map import draw_base_map, pixels
 from .formations import (
     COLLISION,
     Closeup,
@@ -48,6 +47,7 @@ from .formations import (
     legend_handles,
     window,
 )
+from .maps import draw_base_map, pixels
 
 _PIXELS = 110
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -31,7 +32,7 @@ from ..guide.guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
-from .base_map import GREYS, add_label, draw_field, pixels, set_extent
+from .maps import GREYS, add_label, draw_field, pixels, set_extent
 
 _PIXELS = 80
 _MAX = 1.5  # relative rate up to which the boundary of dangerous regions is interpolated
@@ -63,20 +64,8 @@ def relative_rates(
 class Closeup:
     """Axes, 2 `half` wide and high, that show the formation of a run at any step.
 
-    Parameters
-    ----------
-    axes : Axes
-    scenario : Scenario
-    trajectory : RunTrajectory
-    centers : (T+1, 2)
-        Centre of the window at every step.
-    half : float
-    marked : bool
-        Whether to mark the centre.
-    corridors : bool
-        Whether to draw the corridor around the centre.
-    per_step : int
-        Number of steps of `trajectory` for which a loss is shown.
+    The window's centre is one of `centers` (T+1, 2), `marked` or with a corridor around it. A loss
+    is shown for `per_step` steps of the trajectory.
     """
 
     def __init__(
@@ -165,18 +154,10 @@ class Closeup:
             else:  # away from the centre
                 right, above = not (x > 0.4 or -0.6 < x < -0.05), not (y > 0.6 or -0.6 < y < -0.05)
             gap = 13.0 if crosses and beside else 6.0
-            self.artists.append(
-                add_label(
-                    self.axes,
-                    _ranges(near),
-                    point,
-                    (gap if right else -gap, gap - 1 if above else 1 - gap),
-                    outlined=True,
-                    ha="left" if right else "right",
-                    va="bottom" if above else "top",
-                    zorder=8,
-                )
-            )
+            place = (gap if right else -gap, gap - 1 if above else 1 - gap)
+            style: dict[str, Any] = {"ha": "left" if right else "right", "zorder": 8}
+            style |= {"va": "bottom" if above else "top", "outlined": True}
+            self.artists.append(add_label(self.axes, _ranges(near), point, place, **style))
 
     def _near(self, offsets: FloatArray, point: FloatArray, members: IntArray) -> IntArray:
         """Those of `members` that are close to a point."""

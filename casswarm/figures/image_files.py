@@ -1,4 +1,4 @@
-"""Files of figures."""
+"""Files and themes of figures, and the charts that belong to `casswarm.comparison`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,29 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from .._util.figure_style import THEMES, theme
+from ..comparison.charts import (
+    band_chart,
+    gap_chart,
+    pair_chart,
+    profile_chart,
+    ranking_chart,
+    win_chart,
+)
+
+__all__ = [
+    "THEMES",
+    "band_chart",
+    "file_content",
+    "gap_chart",
+    "pair_chart",
+    "profile_chart",
+    "ranking_chart",
+    "save",
+    "theme",
+    "win_chart",
+]
 
 _DATES = {"pdf": "CreationDate", "svg": "Date"}
 

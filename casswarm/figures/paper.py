@@ -24,7 +24,7 @@ from .._util.figure_style import (
     themed,
     wrap,
 )
-from .base_map import add_label
+from .maps import add_label
 from .success import policy_styles
 
 _HOLLOW = "s^"  # markers of few runs, whose values have two digits

@@ -58,21 +58,18 @@ def policy_call(name: str, step: int) -> Iterator[None]:
     except CasswarmError:
         raise
     except USER_ERRORS as error:
-        raise PolicyCallError(
-            f"policy {name!r} failed at step {step}: {failure_text(error)}", policy=name, step=step
-        ) from error
+        raise call_error(name, step, f"failed at step {step}: {failure_text(error)}") from error
+
+
+def call_error(name: str, step: int, text: str, **values: Any) -> PolicyCallError:
+    """Error of the policy `name` at a step, about `values`."""
+    return PolicyCallError(f"policy {name!r} {text}", policy=name, step=step, **values)
 
 
 def checked_state(
     name: str, step: int, positions: ArrayLike, velocities: ArrayLike, alive: ArrayLike
 ) -> States:
-    """Positions and velocities (B, n, 2) and the living (B, n) of one state or a batch of states.
-
-    Raises
-    ------
-    PolicyError
-        Shapes that do not fit, or numbers of the living that are not finite.
-    """
+    """Positions and velocities (B, n, 2) and the living (B, n) of a state or a batch of states."""
     x, v, living = np.asarray(positions, float), np.asarray(velocities, float), np.asarray(alive)
     shapes = [x.shape, v.shape, living.shape]
     if x.ndim not in (2, 3) or shapes != [x.shape, x.shape, x.shape[:-1]] or x.shape[-1] != 2:
@@ -100,72 +97,43 @@ def checked_state(
 
 
 def checked_decision(name: str, step: int, decision: Any, alive: BoolArray) -> Decision:
-    """The decision that the policy `name` returned on states of living members (B, n).
-
-    Raises
-    ------
-    PolicyCallError
-        It is no `Decision`, or its velocities or counts are not those of all states.
-    """
+    """Decision that the policy `name` returned, if it is one for all states (B, n)."""
     if not isinstance(decision, Decision):
-        raise PolicyCallError(
-            f"policy {name!r} returned {_described(decision)} at step {step}; decide_batch must "
-            "return a Decision, such as Decision.plain(velocities)",
-            policy=name,
-            step=step,
-        )
+        text = "decide_batch must return a Decision, such as Decision.plain(velocities)"
+        raise call_error(name, step, f"returned {_described(decision)} at step {step}; {text}")
     checked_velocities(name, step, decision.velocities, alive)
     for kind in ("infeasible", "failures", "fallbacks"):
         shape = np.shape(getattr(decision, kind))
         if shape != alive.shape[:1]:
-            raise PolicyCallError(
-                f"policy {name!r} returned {kind} of shape {shape} at step {step}; expected "
-                f"({len(alive)},): a count for every state",
-                policy=name,
-                step=step,
+            text = f"expected ({len(alive)},): a count for every state"
+            raise call_error(
+                name, step, f"returned {kind} of shape {shape} at step {step}; {text}", shape=shape
             )
     return decision
 
 
 def checked_velocities(name: str, step: int, velocities: Any, alive: BoolArray) -> FloatArray:
-    """Copy of the velocities (B, n, 2) that the policy `name` returned, zero for the destroyed.
-
-    Raises
-    ------
-    PolicyCallError
-        Velocities that are not numbers, of the wrong shape, or not finite for a living member.
-    """
+    """Copy of the velocities (B, n, 2) that the policy `name` returned, zero for the destroyed."""
     try:
         checked = np.asarray(velocities, dtype=float)
     except (TypeError, ValueError) as error:
-        raise PolicyCallError(
-            f"policy {name!r} returned {_described(velocities)} at step {step}; expected an array "
-            "of velocities (states, members, 2)",
-            policy=name,
-            step=step,
+        text = "expected an array of velocities (states, members, 2)"
+        raise call_error(
+            name, step, f"returned {_described(velocities)} at step {step}; {text}"
         ) from error
     expected = (*alive.shape, 2)
     if checked.shape != expected:
-        raise PolicyCallError(
-            f"policy {name!r} returned velocities of shape {checked.shape} at step {step}; "
-            f"expected {expected}: (states, members, 2)",
-            policy=name,
-            step=step,
-            shape=checked.shape,
-            expected=expected,
+        text = f"returned velocities of shape {checked.shape} at step {step}; expected {expected}"
+        raise call_error(
+            name, step, f"{text}: (states, members, 2)", shape=checked.shape, expected=expected
         )
     checked = np.where(alive[..., None], checked, 0.0)
     if not np.isfinite(checked).all():
         state, member = (int(index) for index in np.argwhere(~np.isfinite(checked))[0][:2])
-        raise PolicyCallError(
-            f"policy {name!r} returned the velocity {checked[state, member]} for member {member} "
-            f"at step {step}; velocities must be finite",
-            policy=name,
-            step=step,
-            state=state,
-            member=member,
-            velocity=checked[state, member],
-        )
+        velocity = checked[state, member]
+        text = f"returned the velocity {velocity} for member {member} at step {step}"
+        where = {"state": state, "member": member, "velocity": velocity}
+        raise call_error(name, step, f"{text}; velocities must be finite", **where)
     return checked
 
 

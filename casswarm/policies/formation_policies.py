@@ -23,6 +23,7 @@ from typing import Any, ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from ..compiled.parallel import execute
 from ..formation.auto import Auto
@@ -59,15 +60,6 @@ class FormationPolicy(Policy):
     With a horizon H > 1 they are receding-horizon (MPC) policies: they solve the problem of the
     next H steps and apply the first. The horizon ends with the guide, so it shrinks towards the
     guide's arrival.
-
-    Parameters
-    ----------
-    hazard : Hazard
-    motion : Motion
-    guide : Guide
-    solver : Solver
-    horizon : int
-        Number of steps H, from 1.
     """
 
     hazard: Hazard
@@ -77,10 +69,10 @@ class FormationPolicy(Policy):
     horizon: int = 1
     decision_tol: ClassVar[float] = SOLVER_TOL
 
+    @override
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Solve the formation problem of every state; see `Policy.decide_batch`."""
         data = self._data(step, positions, previous_velocities, alive)
         if data.horizon > 1:
             formation = self._mpc_formation(data, self.guide.reference(step))
@@ -118,10 +110,10 @@ class LeaderPolicy(FormationPolicy):
     leader_selection: str = "nearest"
     name: str = "leader"
 
+    @override
     def leaders(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> NDArray[np.integer[Any]]:
-        """Index (B,) of the leader in every state."""
         data = self._data(step, positions, previous_velocities, alive)
         return LEADER_SELECTION[self.leader_selection](data, self.guide.reference(step))
 
@@ -262,16 +254,7 @@ _TIE = 1e-9  # relative difference of risks that counts as a tie; the lower inde
 
 @dataclass(frozen=True, eq=False)
 class FeedbackPolicy(Policy):
-    """Base of the policies that follow the feedback guide.
-
-    Parameters
-    ----------
-    hazard : Hazard
-    motion : Motion
-    value : ValueFunction
-    solver : Solver
-        Solver of the formation problems.
-    """
+    """Base of the policies that solve formation problems around the feedback guide."""
 
     hazard: Hazard
     motion: Motion
@@ -279,10 +262,22 @@ class FeedbackPolicy(Policy):
     solver: Solver
     decision_tol: ClassVar[float] = SOLVER_TOL
 
+    @override
+    def decide_batch(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
+        lead, goals = self.lead_agents(step, positions, previous_velocities, alive)
+        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals[None])
+        return formation_decision(self._task(data, lead), self.solver)
+
+    def _task(self, data: Step, lead: NDArray[np.intp]) -> FormationTask:
+        """Problems of a step: (6), led by the lead agents, or (7), with them at the centre."""
+        return FormationTask(data, lead)
+
+    @override
     def leaders(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> NDArray[np.integer[Any]]:
-        """Index (B,) of the lead agent in every state."""
         return self.lead_agents(step, positions, previous_velocities, alive)[0]
 
     def lead_agents(
@@ -375,14 +370,6 @@ class LeaderFeedbackPolicy(FeedbackPolicy):
 
     name: str = "leader-feedback"
 
-    def decide_batch(
-        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
-    ) -> Decision:
-        """Solve problem (6) around the leader's best path; see `Policy.decide_batch`."""
-        leaders, goals = self.lead_agents(step, positions, previous_velocities, alive)
-        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals[None])
-        return formation_decision(FormationTask(data, leaders), self.solver)
-
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedFeedbackPolicy(FeedbackPolicy):
@@ -402,10 +389,6 @@ class ConstrainedFeedbackPolicy(FeedbackPolicy):
     rho: float = 0.05
     name: str = "constrained-feedback"
 
-    def decide_batch(
-        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
-    ) -> Decision:
-        """Solve problem (7) around the lead agent's best path; see `Policy.decide_batch`."""
-        lead, goals = self.lead_agents(step, positions, previous_velocities, alive)
-        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals[None])
-        return formation_decision(FormationTask(data, lead, self.rho), self.solver)
+    @override
+    def _task(self, data: Step, lead: NDArray[np.intp]) -> FormationTask:
+        return FormationTask(data, lead, self.rho)

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled.kernels import contiguous
+from ..compiled.kernels import contiguous, kernel
 from ..errors import PolicyError
 from ..typing import BoolArray, FloatArray, IntArray
 
@@ -36,6 +36,7 @@ DTYPES = ("float32", "float64")
 
 _OWN, _RADAR, _OTHER = 6, 2, 5  # numbers for a member itself, a radar, and another member
 _ROUNDING = 1e-6  # of bounds, relative: observations may be in single precision
+_ZERO, _ONE = np.uint64(0), np.uint64(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +130,10 @@ class Observation:
             X(t) and V(t-1).
         alive : (B, n) bool
         """
-        from .observation_kernels import Frame, write_observations
-
         observations = np.empty((*alive.shape, self.size), self.dtype)
         each = np.full(len(alive), steps) if np.ndim(steps) == 0 else np.asarray(steps)
-        write_observations(
-            Frame(*self.center, self.length, self.v_max, self.n_steps, self._radars),
+        _write_observations(
+            _Frame(*self.center, self.length, self.v_max, self.n_steps, self._radars),
             contiguous(each),
             contiguous(positions),
             contiguous(previous_velocities),
@@ -173,3 +172,80 @@ class Observation:
             np.minimum(middle - spread, 0.0).astype(self.dtype),  # the destroyed have zeros
             np.maximum(middle + spread, 0.0).astype(self.dtype),
         )
+
+
+class _Frame(NamedTuple):
+    """Centre, units and steps of observations, and radars (k, 2) from the centre, in lengths."""
+
+    east: float
+    north: float
+    length: float
+    speed: float
+    n_steps: int
+    radars: FloatArray
+
+
+@kernel
+def _append(numbers: Any, at: Any, first: float, second: float) -> Any:
+    """Write two numbers from an index on; return the index after them.
+
+    The index is unsigned: Numba examines others for negative values, which takes a third of the
+    time.
+    """
+    numbers[at] = first
+    numbers[at + _ONE] = second
+    return at + _ONE + _ONE
+
+
+@kernel
+def _append_zeros(numbers: Any, at: Any, count: int) -> Any:
+    """Write zeros from an unsigned index on; return the index after them."""
+    for _ in range(count):
+        numbers[at] = 0.0
+        at += _ONE
+    return at
+
+
+@kernel
+def _write_observations(
+    frame: _Frame,
+    steps: IntArray,
+    positions: FloatArray,
+    velocities: FloatArray,
+    alive: BoolArray,
+    members: FloatArray,
+    observations: Any,
+) -> None:
+    """Write observations (B n d,) of B states; `members` (n, 4) is overwritten."""
+    batch, n = alive.shape
+    radars = frame.radars
+    size = 6 + 2 * radars.shape[0] + 5 * (n - 1)
+    of_length, of_speed = 1.0 / frame.length, 1.0 / frame.speed
+    at = _ZERO
+    for b in range(batch):
+        left = (frame.n_steps - steps[b]) / frame.n_steps
+        for i in range(n):
+            members[i, 0] = (positions[b, i, 0] - frame.east) * of_length
+            members[i, 1] = (positions[b, i, 1] - frame.north) * of_length
+            members[i, 2] = velocities[b, i, 0] * of_speed
+            members[i, 3] = velocities[b, i, 1] * of_speed
+        for i in range(n):
+            if not alive[b, i]:
+                at = _append_zeros(observations, at, size)
+                continue
+            east, north = members[i, 0], members[i, 1]
+            at = _append(observations, at, 1.0, left)
+            at = _append(observations, at, east, north)
+            at = _append(observations, at, members[i, 2], members[i, 3])
+            for r in range(radars.shape[0]):
+                at = _append(observations, at, radars[r, 0] - east, radars[r, 1] - north)
+            for j in range(n):
+                if j == i:
+                    continue
+                if alive[b, j]:
+                    observations[at] = 1.0
+                    at += _ONE
+                    at = _append(observations, at, members[j, 0] - east, members[j, 1] - north)
+                    at = _append(observations, at, members[j, 2], members[j, 3])
+                else:
+                    at = _append_zeros(observations, at, 5)

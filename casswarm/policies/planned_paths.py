@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from typing_extensions import override
 
 from ..bounds import PairValueFunction, require_pair
 from ..errors import PlanningError, PolicyError
@@ -36,6 +37,9 @@ member takes exactly the planned velocity."""
 class NaivePolicy(Policy):
     """Independent planning, the paper's baseline (section V.B, Figure 4).
 
+    Every member moves to its own guide's next point, as close as the limits allow. One whose
+    planning failed heads straight for the target, and counts as a failure.
+
     Parameters
     ----------
     motion : Motion
@@ -47,23 +51,17 @@ class NaivePolicy(Policy):
     guides: Sequence[Guide]
     name: str = "naive"
 
+    @override
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Move every member to its own guide's next point, as close as the limits allow.
-
-        A member whose planning failed heads straight for the target, and counts as a failure.
-        """
         goals = np.stack([g.reference(step + 1) if g.arrives else g.center for g in self.guides])
         unplanned = np.array([not guide.arrives for guide in self.guides])
         velocities = self.motion.toward(positions, previous_velocities, goals)
         infeasible = alive & ~unplanned & self.motion.misses(positions, velocities, goals)
-        return Decision(
-            np.where(alive[..., None], velocities, 0.0),
-            infeasible.sum(axis=1),
-            (alive & unplanned).any(axis=1).astype(np.int64),
-            np.zeros(len(velocities), np.int64),
-        )
+        failures = (alive & unplanned).any(axis=1).astype(np.int64)
+        velocities = np.where(alive[..., None], velocities, 0.0)
+        return Decision(velocities, infeasible.sum(axis=1), failures, np.zeros_like(failures))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +93,10 @@ class JointPolicy(Policy):
         """The policy that follows a plan."""
         return cls(plan.motion, plan.positions, plan.velocities, plan.initial_velocities, name)
 
+    @override
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Move to the plan's next positions; after its last step, to its final ones."""
         steps, n = self.planned_velocities.shape[:2]
         if alive.shape[1] != n:
             raise PolicyError(
@@ -114,11 +112,9 @@ class JointPolicy(Policy):
             on_plan = self._on_plan(step, positions, previous_velocities)
             velocities = np.where(on_plan[..., None], self.planned_velocities[step], velocities)
         infeasible = alive & self.motion.misses(positions, velocities, goals)
-        return Decision(
-            np.where(alive[..., None], velocities, 0.0),
-            infeasible.sum(axis=1),
-            *np.zeros((2, len(alive)), np.int64),
-        )
+        velocities = np.where(alive[..., None], velocities, 0.0)
+        zeros = np.zeros(len(alive), np.int64)
+        return Decision(velocities, infeasible.sum(axis=1), zeros, zeros)
 
     def _on_plan(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray
@@ -137,6 +133,7 @@ class ReplanningPolicy(Policy):
 
     `casswarm.joint.replan` describes the situations for which plans are made. A state that
     is on no plan, such as one that a user constructs, is steered back to the first plan.
+    `Decision.fallbacks` marks states that were replanned.
 
     Parameters
     ----------
@@ -150,10 +147,10 @@ class ReplanningPolicy(Policy):
     open_loop: JointPolicy
     name: str = "joint-replanning"
 
+    @override
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Follow the plan of every state; `Decision.fallbacks` marks states that were replanned."""
         open_loop = self.open_loop.decide_batch(step, positions, previous_velocities, alive)
         velocities, infeasible = open_loop.velocities.copy(), open_loop.infeasible.copy()
         failures, fallbacks = np.zeros((2, len(alive)), np.int64)
@@ -185,13 +182,7 @@ class OptimalPolicy(ReplanningPolicy):
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, guide: Guide) -> OptimalPolicy:
-        """The policy of a scenario of two members; the guide provides V(-1) if it must.
-
-        Raises
-        ------
-        PolicyError
-            Another number of members, or rates without bounds for pairs.
-        """
+        """The policy of a scenario of two members; the guide provides V(-1) if it must."""
         cls.require_pair(scenario)
         value = PairValueFunction.from_scenario(scenario)
         plan = plan_swarm(scenario, guide=guide, certify=False)

@@ -7,20 +7,22 @@ import inspect
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from .._util.text import counted
 from .._util.user_code import limited_time
-from ..errors import PolicyCallError, PolicyError
+from ..errors import PolicyError
 from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray
-from .base import Decision, Policy, checked_velocities, is_own, policy_call
-from .observation import Observation
+from .base import Decision, Policy, call_error, checked_velocities, is_own, policy_call
+from .observation import DTYPES, Observation
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -37,57 +39,55 @@ class UserPolicy(Policy):
     function: Callable[[int, FloatArray, FloatArray, BoolArray], Any]
     name: str
 
+    @override
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Call the function; see `checked_velocities` for the velocities that it may return."""
         with policy_call(self.name, step):
             velocities = self.function(step, positions, previous_velocities, alive)
         return Decision.plain(checked_velocities(self.name, step, velocities, alive))
 
 
 @dataclass(frozen=True)
-class LimitedPolicy(Policy):
-    """A policy whose calls may take a number of seconds; see `as_policy`."""
+class _WrappedPolicy(Policy):
+    """A policy with another one's decisions and leaders."""
 
     policy: Policy
     name: str
-    time_limit: float
 
-    def decide_batch(
-        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
-    ) -> Decision:
-        """Decide as the policy, or raise PolicyCallError if it takes too long."""
-        try:
-            with limited_time(self.time_limit):
-                return self.policy.decide(step, positions, previous_velocities, alive)
-        except TimeoutError as error:
-            raise PolicyCallError(
-                f"policy {self.name!r} took longer than its time limit of {self.time_limit:g} s at "
-                f"step {step}, for {counted(len(alive), 'state')}",
-                policy=self.name,
-                step=step,
-                time_limit=self.time_limit,
-            ) from error
-
+    @override
     def leaders(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> NDArray[np.integer[Any]]:
-        """Leaders as of the policy."""
         return self.policy.leaders(step, positions, previous_velocities, alive)
 
 
 @dataclass(frozen=True)
-class RepeatedPolicy(Policy):
-    """A policy that is asked again for the first states of every batch, in reverse order."""
+class _LimitedPolicy(_WrappedPolicy):
+    """A policy whose calls may take a number of seconds; see `as_policy`."""
 
-    policy: Policy
-    name: str
+    time_limit: float
 
+    @override
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
-        """Decide as the policy, or raise PolicyCallError if it answers a state differently."""
+        try:
+            with limited_time(self.time_limit):
+                return self.policy.decide(step, positions, previous_velocities, alive)
+        except TimeoutError as error:
+            limit, states = self.time_limit, counted(len(alive), "state")
+            text = f"took longer than its time limit of {limit:g} s at step {step}, for {states}"
+            raise call_error(self.name, step, text, time_limit=limit) from error
+
+
+class _RepeatedPolicy(_WrappedPolicy):
+    """A policy that is asked again for the first states of every batch, in reverse order."""
+
+    @override
+    def decide_batch(
+        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
+    ) -> Decision:
         state = positions, previous_velocities, alive
         decision = self.policy.decide(step, *state)
         first = slice(min(len(alive), _REPEATED) - 1, None, -1)
@@ -99,28 +99,21 @@ class RepeatedPolicy(Policy):
         difference = np.abs(given - other)
         if difference.max() > _REPEATED_TOL * np.abs(given).max():
             at = np.unravel_index(difference.argmax(), difference.shape)[:2]
-            raise PolicyCallError(
-                f"policy {self.name!r} answers the same state differently at step {step}: the "
-                f"velocity of member {at[1]} is {given[at]}, then {other[at]}; exact distributions "
-                "need a policy that depends on nothing but the state (no randomness, no memory, "
-                "no other states of the batch): simulate accepts this one, or seed its generator "
-                "from the state",
-                policy=self.name,
-                step=step,
+            text = (
+                f"answers the same state differently at step {step}: the velocity of member "
+                f"{at[1]} is {given[at]}, then {other[at]}; exact distributions need a policy that "
+                "depends on nothing but the state (no randomness, no memory, no other states of "
+                "the batch): simulate accepts this one, or seed its generator from the state"
             )
+            where = {"state": len(given) - 1 - int(at[0]), "member": int(at[1])}
+            raise call_error(self.name, step, text, velocity=given[at], expected=other[at], **where)
         return decision
-
-    def leaders(
-        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
-    ) -> NDArray[np.integer[Any]]:
-        """Leaders as of the policy."""
-        return self.policy.leaders(step, positions, previous_velocities, alive)
 
 
 def repeated(policy: Policy) -> Policy:
     """The policy if it is casswarm's own, else one whose answers are required to be repeatable."""
-    users = not is_own(policy) or isinstance(policy, UserPolicy | LimitedPolicy)
-    return RepeatedPolicy(policy, policy.name) if users else policy
+    users = not is_own(policy) or isinstance(policy, UserPolicy | _LimitedPolicy)
+    return _RepeatedPolicy(policy, policy.name) if users else policy
 
 
 def as_policy(
@@ -174,7 +167,7 @@ def as_policy(
         if not time_limit > 0:
             raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
         unlimited = as_policy(policy, scenario, name=name, parameters=parameters, dtype=dtype)
-        return LimitedPolicy(unlimited, unlimited.name, float(time_limit))
+        return _LimitedPolicy(unlimited, unlimited.name, float(time_limit))
     if isinstance(policy, type):
         raise PolicyError(
             f"{policy.__name__} is a class; pass an instance: {policy.__name__}()",
@@ -188,7 +181,7 @@ def as_policy(
             )
         return policy
     if scenario is not None:
-        return model_policy(policy, scenario, name, parameters, dtype)
+        return _model_policy(policy, scenario, name, parameters, dtype)
     function = getattr(policy, "velocities", policy)
     if not callable(function):
         raise PolicyError(
@@ -196,73 +189,48 @@ def as_policy(
             "previous_velocities, alive), or an object with such a method called velocities",
             policy=policy,
         )
-    default = getattr(policy, "name", None) or getattr(policy, "__name__", type(policy).__name__)
-    return UserPolicy(function, name or str(default))
+    return UserPolicy(function, name or _name_of(policy))
 
 
 @dataclass(frozen=True, eq=False)
-class ObservedModel:
-    """A function of (step, positions, previous_velocities, alive) by a model of observations.
-
-    Parameters
-    ----------
-    model : callable
-        Takes observations (B, n, d), returns velocities (B, n, 2).
-    observation : Observation
-    """
+class _ObservedModel:
+    """A function of states by a model of observations (B, n, d), which returns (B, n, 2)."""
 
     model: Callable[[NDArray[Any]], Any]
     observation: Observation
 
-    def __call__(
-        self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
-    ) -> Any:
+    def __call__(self, step: int, *state: Any) -> Any:
         """Velocities (B, n, 2) of the model in B states."""
-        return self.model(self.observation(step, positions, previous_velocities, alive))
+        return self.model(self.observation(step, *state))
 
 
-@dataclass(frozen=True, eq=False)
-class PredictModel:
-    """An object with a method ``predict``, as of Stable-Baselines3 and scikit-learn."""
-
-    model: Any
-
-    def __call__(self, observations: NDArray[Any]) -> Any:
-        """The prediction, a deterministic one where that is an option."""
-        predict = self.model.predict
-        deterministic = "deterministic" in inspect.signature(predict).parameters
-        answer = predict(observations, **({"deterministic": True} if deterministic else {}))
-        return answer[0] if isinstance(answer, tuple) else answer  # with the state of a network
+def _predict(model: Any, observations: NDArray[Any]) -> Any:
+    """Prediction as of Stable-Baselines3 and scikit-learn, deterministic where it is an option."""
+    deterministic = "deterministic" in inspect.signature(model.predict).parameters
+    answer = model.predict(observations, **({"deterministic": True} if deterministic else {}))
+    return answer[0] if isinstance(answer, tuple) else answer  # with the state of a network
 
 
-@dataclass(frozen=True, eq=False)
-class TorchModel:
-    """A PyTorch module, in evaluation mode and without gradients."""
-
-    module: Any
-
-    def __call__(self, observations: NDArray[Any]) -> NDArray[Any]:
-        """The module's output for a tensor of observations, on the module's device."""
-        torch = import_module("torch")
-        with torch.inference_mode():
-            parameter = next(self.module.parameters(), None)
-            device = "cpu" if parameter is None else parameter.device
-            output = self.module(torch.from_numpy(observations).to(device))
-        if not isinstance(output, torch.Tensor):
-            return output  # type: ignore[no-any-return]  # `checked_velocities` says what it is
-        return np.asarray(output.cpu().numpy())
+def _evaluate_module(module: Any, observations: NDArray[Any]) -> Any:
+    """Output of a PyTorch module for observations, without gradients, on the module's device."""
+    torch = import_module("torch")
+    with torch.inference_mode():
+        parameter = next(module.parameters(), None)
+        device = "cpu" if parameter is None else parameter.device
+        output = module(torch.from_numpy(observations).to(device))
+    return output.cpu().numpy() if isinstance(output, torch.Tensor) else output
 
 
-def model_policy(
+def _model_policy(
     model: Any, scenario: Scenario, name: str | None, parameters: Any, dtype: Any
 ) -> Policy:
-    """Policy of a model; see `casswarm.policies.as_policy`."""
+    """Policy of a model; see `as_policy`."""
     require_scenario("as_policy", scenario)
     if isinstance(model, ca.Function):
-        parametric = import_module(".parametric", __package__)
+        from .parametric import ParametricPolicy
+
         named = {"name": name} if name else {}
-        policy: Policy = parametric.ParametricPolicy(model, parameters, scenario, **named)
-        return policy
+        return ParametricPolicy(model, parameters, scenario, **named)
     if parameters is not None:
         raise PolicyError(
             f"parameters are for a casadi.Function, not for {type(model).__name__}: a model has "
@@ -270,13 +238,14 @@ def model_policy(
             key="parameters",
             policy=type(model).__name__,
         )
-    default = getattr(model, "name", None) or getattr(model, "__name__", type(model).__name__)
     called: Callable[[NDArray[Any]], Any]
-    if _is_torch(model):
-        called, own_dtype = _torch_model(model)
-        dtype = dtype or own_dtype
+    torch = sys.modules.get("torch")
+    if torch is not None and isinstance(model, torch.nn.Module):
+        called = partial(_evaluate_module, copy.deepcopy(model).eval())  # training changes no copy
+        dtypes = [str(p.dtype).removeprefix("torch.") for p in model.parameters()]
+        dtype = dtype or (dtypes[0] if dtypes[:1] and dtypes[0] in DTYPES else None)
     elif callable(getattr(model, "predict", None)):
-        called = PredictModel(model)
+        called = partial(_predict, model)
     elif callable(model):
         called = model
     else:
@@ -287,16 +256,10 @@ def model_policy(
             policy=repr(model),
         )
     observation = Observation.from_scenario(scenario, dtype or "float32")
-    return UserPolicy(ObservedModel(called, observation), name or str(default))
+    return UserPolicy(_ObservedModel(called, observation), name or _name_of(model))
 
 
-def _is_torch(model: Any) -> bool:
-    torch = sys.modules.get("torch")
-    return torch is not None and isinstance(model, torch.nn.Module)
-
-
-def _torch_model(module: Any) -> tuple[TorchModel, str | None]:
-    """A copy of a module for evaluation, which training does not change, and its dtype."""
-    dtypes = [str(p.dtype).removeprefix("torch.") for p in module.parameters()]
-    dtype = dtypes[0] if dtypes and dtypes[0] in ("float32", "float64") else None
-    return TorchModel(copy.deepcopy(module).eval()), dtype
+def _name_of(found: Any) -> str:
+    """Name of an object, a function or else of the class."""
+    name = getattr(found, "name", None) or getattr(found, "__name__", type(found).__name__)
+    return str(name)

@@ -27,7 +27,7 @@ from ..figures import (
     sweep_lines,
     theme,
 )
-from ..figures.base_map import add_start, base_map
+from ..figures.maps import add_start, base_map
 from ..guide.guide import Guide
 from ..joint import SwarmPlan
 from ..scenario import Scenario

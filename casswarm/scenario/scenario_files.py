@@ -14,8 +14,7 @@ from typing import Any
 from .._util.files import require_file
 from .._util.text import suggestion
 from ..errors import ScenarioError
-from .consistency import doubts
-from .model import Scenario
+from .model import Scenario, doubts
 from .validation import Problem, as_text, scenario_error
 
 _PLACE = re.compile(r"\(at line (\d+), column (\d+)\)")

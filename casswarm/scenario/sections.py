@@ -1,15 +1,17 @@
-"""Tables of a scenario file: every key with its unit and limits, and the hazard table."""
+"""Tables of a scenario file: every key with its unit and limits, the hazard table, their text."""
 
 from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
@@ -20,6 +22,7 @@ from pydantic import (
     WithJsonSchema,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
 from .._util.text import counted, suggestion
 from ..errors import ScenarioError
@@ -38,7 +41,9 @@ from .validation import (
     fields,
     invalid,
     problems_of,
+    require_none,
     scenario_error,
+    subtable,
     to_plain,
 )
 
@@ -51,13 +56,7 @@ _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to r
 
 
 class Table(BaseModel):
-    """Base of the tables: immutable, without unknown keys, with errors in plain words.
-
-    Raises
-    ------
-    ScenarioError
-        Keys that are missing, unknown or invalid, a line for each.
-    """
+    """Base of the tables: immutable, without unknown keys, with errors in plain words."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -240,31 +239,23 @@ class FunctionName(str):
 
 
 def importable_name(function: Callable[..., Any]) -> str:
-    """Name ``module:function`` under which `function` can be imported again.
-
-    Raises
-    ------
-    ScenarioError
-        It cannot, with the reason.
-    """
+    """Name ``module:function`` under which `function` can be imported again, or ScenarioError."""
     module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
     if not isinstance(module, str) or not isinstance(name, str):
         raise ScenarioError(f"{as_text(function)} has no name", function=as_text(function))
+    full_name = f"{module}:{name}"
     if module == "__main__":
-        raise ScenarioError(
-            f"'{name}' is defined in a script or notebook, not in a module", function=name
-        )
-    if not _NAME.fullmatch(f"{module}:{name}"):
-        raise ScenarioError(f"'{name}' is defined inside a function, or is a lambda", function=name)
-    try:
-        imported = resolve_name(f"{module}:{name}")
-    except (ImportError, AttributeError) as error:
-        raise ScenarioError(
-            f"'{module}:{name}' cannot be imported: {error}", function=f"{module}:{name}"
-        ) from error
-    if imported is not function:
-        raise ScenarioError(f"'{module}:{name}' is not this function", function=f"{module}:{name}")
-    return f"{module}:{name}"
+        reason, name_or_full = "is defined in a script or notebook, not in a module", name
+    elif not _NAME.fullmatch(full_name):
+        reason, name_or_full = "is defined inside a function, or is a lambda", name
+    else:
+        try:
+            if resolve_name(full_name) is function:
+                return full_name
+            reason, name_or_full = "is not this function", full_name
+        except (ImportError, AttributeError) as error:
+            reason, name_or_full = f"cannot be imported: {error}", full_name
+    raise ScenarioError(f"'{name_or_full}' {reason}", function=name_or_full)
 
 
 def _checked_kind(value: object) -> str | Callable[..., Any]:
@@ -411,20 +402,7 @@ class HazardTable(Table):
         return named and self.is_custom
 
     def build(self, core_radius: float, folder: Path | None = None) -> Hazard:
-        """Hazard that the table describes.
-
-        Parameters
-        ----------
-        core_radius : float
-            Of the built-in kinds.
-        folder : Path, optional
-            Folder of the scenario file, in which the module of a ``module:function`` lies.
-
-        Raises
-        ------
-        HazardError
-            The function cannot be imported, or fails.
-        """
+        """Hazard that the table describes; a ``module:function`` lies in `folder`."""
         # imported here, since importing CasADi is slow and listing scenarios needs no hazards
         from ..hazard import Saturation, SaturationCollision
         from ..hazard.custom import user_hazard
@@ -439,17 +417,14 @@ class HazardTable(Table):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> HazardTable:
-        if messages := list(self._misplaced_keys() if self.is_custom else self._kernel_problems()):
-            raise invalid([Problem(message, message.split()[0]) for message in messages])
+        require_none(self._misplaced_keys() if self.is_custom else self._kernel_problems())
         return self
 
     def _misplaced_keys(self) -> Iterator[str]:
         for key in ("strengths", "core_radius", *ALPHAS, *BETAS):
             if getattr(self, key) is not None:
-                yield (
-                    f"hazard.{key} is not a key of a 'module:function' kind; write it as "
-                    f"hazard.parameters.{key} if your function takes it, else remove it"
-                )
+                hint = f"hazard.parameters.{key} if your function takes it, else remove it"
+                yield f"hazard.{key} is not a key of a 'module:function' kind; write it as {hint}"
 
     def _kernel_problems(self) -> Iterator[str]:
         kind, k = str(self.kind), len(self.radars)
@@ -477,3 +452,71 @@ class HazardTable(Table):
                 f"hazard.strengths has {counted(len(self.strengths), 'number')} for "
                 f"{counted(k, 'radar')}; give one for each radar, or omit it"
             )
+
+
+# tomli_w escapes line breaks in texts, so that a bracket before a line break opens an array
+_SCALARS = re.compile(r"\[\n((?: +[^\[\]\"{},\n]+,\n)+) *\]")
+
+
+def toml_text(data: Mapping[str, Any]) -> str:
+    """Text of a scenario file with these tables, with a point per line."""
+    hazard = data["hazard"]
+    if callable(hazard["kind"]):
+        try:
+            kind = importable_name(hazard["kind"])
+        except ScenarioError as error:
+            raise ScenarioError(
+                f"scenario '{data['name']}' cannot be saved: hazard.kind is a function that a file "
+                f"cannot name as 'module:function': {error}; move it into a module",
+                key="hazard.kind",
+                value=hazard["kind"],
+            ) from None
+        data = {**data, "hazard": {**hazard, "kind": kind}}
+    return _escaped(_SCALARS.sub(_on_one_line, tomli_w.dumps(data)))
+
+
+def _escaped(text: str) -> str:
+    """TOML whose strings hold no character that a terminal or an editor does not show as itself."""
+    return "".join(c if c.isprintable() or c == "\n" else f"\\U{ord(c):08x}" for c in text)
+
+
+def _on_one_line(array: re.Match[str]) -> str:
+    items = (line.strip().removesuffix(",") for line in array[1].splitlines())
+    return f"[{', '.join(items)}]"
+
+
+def annotated(text: str, model: type[BaseModel]) -> str:
+    """Text of a scenario file with comments: what every key is, and the keys that it leaves out."""
+    table, known, missing = "", fields(model), dict[str, FieldInfo]()
+    lines: list[str] = []
+    for line in text.removesuffix("\n").split("\n"):  # texts may hold other line separators
+        header, key = re.fullmatch(r"\[([\w.]+)\]", line), re.match(r"(\w+) = ", line)
+        description: str | None = None
+        if header:
+            missing.pop(header[1].removeprefix(f"{table}."), None)
+            lines = _with_optional(lines, table, missing)
+            table, field = header[1], fields(model).get(header[1])
+            known = fields(subtable(field) or model) if field else {}  # others are the user's
+            missing, description = dict(known), field.description if field else None
+        elif key and key[1] in known:
+            missing.pop(key[1], None)
+            description = known[key[1]].description
+        lines += [*_comment(description or ""), line]
+    return "\n".join(_with_optional(lines, table, missing)) + "\n"
+
+
+def _with_optional(lines: list[str], table: str, missing: Mapping[str, FieldInfo]) -> list[str]:
+    """Lines of a table, and the keys that it could also have, commented out."""
+    optional: list[str] = []
+    for key, field in missing.items():
+        for example in field.examples or ():
+            nested = isinstance(example, dict)
+            text = tomli_w.dumps({table: {key: example}} if nested else {key: example})
+            shown = _SCALARS.sub(_on_one_line, text).strip().split("\n")
+            optional += [*_comment(field.description or ""), *(f"# {line}" for line in shown)]
+    end = len(lines) - (lines[-1:] == [""])  # the blank line before the next table
+    return [*lines[:end], *optional, *lines[end:]]
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {part}" for part in textwrap.wrap(text, 96)]

@@ -116,6 +116,12 @@ def invalid(problems: Iterable[Problem]) -> PydanticCustomError:
     return PydanticCustomError(_CUSTOM, "invalid values", {"problems": list(problems)})
 
 
+def require_none(messages: Iterable[str]) -> None:
+    """Raise the error of messages, each of which begins with the key that it is about."""
+    if problems := [Problem(message, message.split()[0]) for message in messages]:
+        raise invalid(problems)
+
+
 def as_text(value: object) -> str:
     """`value` as the user wrote it, cut to a readable length."""
     if isinstance(value, bool):

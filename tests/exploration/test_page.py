@@ -15,7 +15,7 @@ pytest.importorskip("websockets", reason="needs the extra explore")
 
 from devtools import opened_page
 
-from casswarm.exploration.server import page_server
+from casswarm.exploration.frontends import page_server
 from casswarm.exploration.session import Session
 
 pytestmark = pytest.mark.slow  # a browser, and a process that computes

@@ -8,7 +8,7 @@ import pytest
 from small_scenarios import three_members
 
 import casswarm as csw
-from casswarm.exploration.server import static_text
+from casswarm.exploration.frontends import static_text
 
 pytest.importorskip("anywidget", reason="needs the extra explore")
 

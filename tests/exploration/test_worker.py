@@ -9,7 +9,7 @@ import time
 import pytest
 from small_scenarios import three_members
 
-from casswarm.exploration import worker as worker_module
+from casswarm.exploration import answers
 from casswarm.exploration.session import Session
 
 pytestmark = pytest.mark.slow  # a process starts in some seconds
@@ -61,7 +61,7 @@ def test_process_that_dies_is_reported_and_started_again(session):
 
 
 def test_idle_process_ends_and_next_change_starts_another(session, monkeypatch):
-    monkeypatch.setattr(worker_module, "IDLE", 0.2)
+    monkeypatch.setattr(answers, "IDLE", 0.2)
     session.subscribe(lambda: None)
     assert session.wait(120).failure == ""
     process = process_of(session)
@@ -74,7 +74,7 @@ def test_idle_process_ends_and_next_change_starts_another(session, monkeypatch):
 
 
 def test_work_that_does_not_make_way_is_ended(monkeypatch):
-    monkeypatch.setattr(worker_module, "GRACE", 0.2)
+    monkeypatch.setattr(answers, "GRACE", 0.2)
     session = Session(three_members())
     session.subscribe(lambda: None)
     assert session.guide.arrives
