@@ -94,13 +94,6 @@ class Workspace(NamedTuple):
 
 
 @kernel
-def clear(target: FloatArray) -> None:
-    """Write zeros."""
-    for c in range(target.size):
-        target[c] = 0.0
-
-
-@kernel
 def read(u: FloatArray, columns: IntArray, unit: float, y: FloatArray) -> None:
     """Write some columns of u, row by row and in units, to the vector y."""
     for s in range(u.shape[0]):
@@ -212,8 +205,7 @@ def assemble(y: FloatArray, z: FloatArray, mu: float, problem: Problem, work: Wo
         work.rows[row] = mu / work.slack[row]
     copy(work.gradient, work.residual)
     add_jacobian_transpose(y, work.rows, problem.constraints, work.residual)
-    for r in range(work.band.shape[0]):
-        clear(work.band[r])
+    work.band[:] = 0.0
     add_hessian(problem, work)
     add_curvature(y, z, work.slack, problem.constraints, work.band)
 
@@ -289,7 +281,7 @@ def correct(
     y: FloatArray, z: FloatArray, fraction: float, problem: Problem, work: Workspace
 ) -> None:
     """Write the second-order correction of the step, zero where the limits do not cut it."""
-    clear(work.correction)
+    work.correction[:] = 0.0
     if max_step_length(y, work.step, fraction, work.slack, problem.constraints) < 1.0:
         second_order_terms(work.step, problem.constraints, work.rows)
         for row in range(z.size):
@@ -524,7 +516,7 @@ def minimise_state(
             write_start(solved, batch.x0[row, s], starts, row, start[s])
         read(start, columns, unit, y)
         move_inside(inside, y, problem.constraints)
-        clear(z)
+        z[:] = 0.0
         value, outcome = minimise(y, z, MU_INIT, problem, coarse, counts)
         if outcome != NOT_FINITE:
             hits = count_hits(value, least, hits)

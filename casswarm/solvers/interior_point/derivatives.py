@@ -19,6 +19,7 @@ from ...compiled.kernels import contiguous
 from ...nlp.program import LagrangianHessian, Nlp
 from ...typing import Expr, FloatArray, IntArray
 from .factors import DenseFactors, Factors, SparseFactors, SparseSystem, shifts_to_try
+from .system_kernels import times
 from .tape import MAX_OPERATIONS, Calls, Tape, scalar
 
 
@@ -282,8 +283,6 @@ class FunctionLinearisation(Linearisation):
     def _product(
         self, rows: IntArray, columns: IntArray, vectors: FloatArray, size: int
     ) -> FloatArray:
-        from .system_kernels import times
-
         out = np.empty((size, vectors.shape[1]))
         times(self._entries, rows, columns, vectors, out)
         return out

@@ -11,6 +11,7 @@ from scipy.linalg import lapack
 
 from ...typing import FloatArray, IntArray
 from .iterate_kernels import LANES
+from .system_kernels import factorise, solve
 
 _SHIFTS = 40  # attempts to make a matrix positive definite
 
@@ -195,8 +196,6 @@ class SparseFactors:
     def __init__(
         self, system: SparseSystem, values: tuple[FloatArray, ...], last: FloatArray
     ) -> None:
-        from .system_kernels import factorise
-
         self.system, batch = system, len(last)
         pattern, entries = system.pattern, len(system.pattern.rows)
         self._factors = np.zeros((-(-batch // LANES), entries, LANES))
@@ -216,8 +215,6 @@ class SparseFactors:
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors`."""
-        from .system_kernels import solve
-
         pattern, solution = self.system.pattern, np.array(right)
         work = np.zeros((len(pattern.order), LANES))
         solve(pattern.starts, pattern.rows, pattern.order, self._factors, work, solution)

@@ -11,6 +11,7 @@ from typing_extensions import override
 from ...nlp.program import Instances
 from ...nlp.solution import Status
 from ...typing import BoolArray, FloatArray, IntArray
+from . import iterate_kernels as kernels
 from .derivatives import Linearisation, Problems
 
 INFINITE = 1e19
@@ -109,18 +110,14 @@ class Bounds(Lanes):
 
     def log_barrier(self, y: FloatArray) -> FloatArray:
         """Minus the sum of the logarithms of all gaps, (b,); NaN at and beyond the bounds."""
-        from .iterate_kernels import log_barrier
-
         barrier = np.empty(y.shape[1])
-        log_barrier(y, self.lower, self.upper, np.empty((2, y.shape[1])), barrier)
+        kernels.log_barrier(y, self.lower, self.upper, np.empty((2, y.shape[1])), barrier)
         return barrier
 
     def longest_step(self, y: FloatArray, step: FloatArray, keep: FloatArray) -> FloatArray:
         """Largest lengths (b,) up to 1 after which every gap keeps a fraction `keep` (b,)."""
-        from .iterate_kernels import longest_steps
-
         length = np.empty(len(keep))
-        longest_steps((y, step), (self.lower, self.upper), keep, length)
+        kernels.longest_steps((y, step), (self.lower, self.upper), keep, length)
         return length
 
 
@@ -165,10 +162,8 @@ class Filter(Lanes):
 
     def add(self, violation: FloatArray, merit: FloatArray) -> None:
         """Add a point to every filter."""
-        from .iterate_kernels import add_entries
-
         self.make_room()
-        add_entries(self.entries, self.numbers, violation, merit)
+        kernels.add_entries(self.entries, self.numbers, violation, merit)
 
     def accepts(self, violation: FloatArray, merit: FloatArray) -> BoolArray:
         """Which filters accept points (b,)."""
@@ -290,10 +285,8 @@ class Iterates(Lanes):
 
         Where more rows than variables are active, gaps vanish faster than the barrier parameter.
         """
-        from .iterate_kernels import widen
-
         moved, limits = some.copy(), (self.bounds.lower, self.bounds.upper)
-        widen((self.y, self.z, self.mu), limits, moved)
+        kernels.widen((self.y, self.z, self.mu), limits, moved)
         self.barrier = np.where(moved, self.bounds.log_barrier(self.y), self.barrier)
         return moved
 
@@ -314,7 +307,7 @@ class Residuals:
     primal : (ng, b)
         g - s.
     largest : (5, b)
-        See `step_kernels.residuals`.
+        See `iterate_kernels.residuals`.
     """
 
     gradient: FloatArray
@@ -324,13 +317,11 @@ class Residuals:
     @classmethod
     def of(cls, at: Linearisation, iterates: Iterates) -> Residuals:
         """Residuals of some iterates, linearised there."""
-        from .iterate_kernels import residuals
-
         y, z, lam, bounds = iterates.y, iterates.z, iterates.lam, iterates.bounds
         gradient, primal, largest = np.empty_like(y), np.empty_like(lam), np.empty((5, y.shape[1]))
         limits = bounds.lower, bounds.upper, bounds.fixed
         terms = at.gradient, at.transposed_times(lam), iterates.g
-        residuals((y, z, lam), limits, terms, (gradient, primal), largest)
+        kernels.residuals((y, z, lam), limits, terms, (gradient, primal), largest)
         return cls(gradient, primal, largest)
 
     def error(self, mu: FloatArray | float) -> FloatArray:
@@ -400,10 +391,8 @@ class Results:
 
 def violations(g: FloatArray, y: FloatArray) -> FloatArray:
     """Sums (b,) of |g - s|, added in the same order for any b."""
-    from .iterate_kernels import violations as write
-
     out = np.empty(g.shape[1])
-    write(g, y, out)
+    kernels.violations(g, y, out)
     return out
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...typing import BoolArray, FloatArray, IntArray
 from .derivatives import Condensation, Problems
-from .iterate_kernels import FIXED
+from .iterate_kernels import FIXED, slopes
 from .iterates import Iterates
 
 _ENOUGH = 0.1  # of the violation, at which the method goes on
@@ -116,8 +116,6 @@ def _direction(problems: Problems, now: Iterates, nu: FloatArray) -> tuple[Float
 
 def products(one: FloatArray, two: FloatArray) -> FloatArray:
     """Sums (b,) of products of entries (k, b), added in the same order for any b."""
-    from .iterate_kernels import slopes
-
     out = np.empty(one.shape[1])
     slopes(one, two, out)
     return out

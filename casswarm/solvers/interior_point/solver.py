@@ -38,14 +38,12 @@ STATIONARITY = 1e-4
 """Largest residual of the optimality conditions in the method's units, relative to multipliers."""
 
 
-def verified(
-    problems: Problems, instances: Instances, results: Results, scaling: Scaling, width: int
-) -> BatchSolution:
-    """Results with residuals of the problem; `width` instances are linearised at a time.
+def verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling) -> BatchSolution:
+    """Results with residuals of the program.
 
     Solutions without feasibility, stationarity or finite values are failures.
     """
-    size = len(instances)
+    problems, width, size = numeric_problems(nlp, instances.p), _width(nlp), len(instances)
     objective, violation, gradient, products = np.empty((4, size))
     with np.errstate(all="ignore"):
         for start in range(0, size, width):
@@ -180,7 +178,7 @@ class FilterInteriorPoint(Solver):
         results, scaling = self._results(nlp, instances)
         each = (time.perf_counter() - started) / max(1, len(instances))
         answers = [_answer(results, i, each) for i in range(len(instances))]
-        solution = _verified(nlp, instances, results, scaling)
+        solution = verified(nlp, instances, results, scaling)
         left = np.flatnonzero(~solution.success)
         for i in left:
             if answers[i].status.success:
@@ -204,7 +202,7 @@ class FilterInteriorPoint(Solver):
             with interruptible():
                 results, scaling = self._results(nlp, instances)
                 seconds = time.perf_counter() - started
-                solution = _verified(nlp, instances, results, scaling)
+                solution = verified(nlp, instances, results, scaling)
         except USER_ERRORS as error:  # of a function that the user wrote: of one instance, perhaps
             backend_error(error)
             return super().solve_batch(nlp, instances)
@@ -254,8 +252,3 @@ def _answer(results: Results, i: int, seconds: float) -> Answer:
         seconds,
         (results.lam_x[i], results.lam_g[i]),
     )
-
-
-def _verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling) -> BatchSolution:
-    problems = numeric_problems(nlp, instances.p)
-    return verified(problems, instances, results, scaling, _width(nlp))

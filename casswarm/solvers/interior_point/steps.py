@@ -16,7 +16,21 @@ import numpy as np
 from ...typing import BoolArray, FloatArray, IntArray
 from .derivatives import Condensation, Linearisation, Problems
 from .factors import Factors
-from .iterate_kernels import EQUALITY, FIXED
+from .iterate_kernels import (
+    EQUALITY,
+    FIXED,
+    barrier_terms,
+    condense,
+    expand,
+    judge,
+    log_barrier,
+    move_multipliers,
+    remember,
+    right_hand_sides,
+    slopes,
+    trial_points,
+    violations,
+)
 from .iterates import Iterates, Residuals
 
 
@@ -53,8 +67,6 @@ class CondensedSystems:
 
     def direction(self, primal: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Steps of y and lam that reduce g - s by `primal` (ng, b) to first order."""
-        from .iterate_kernels import condense, expand, right_hand_sides
-
         pull, right = np.empty_like(primal), np.empty_like(self.at.gradient)
         condense(self.weights, self.gradient, primal, pull)
         pulled = self.at.transposed_times(pull)
@@ -98,8 +110,6 @@ def advance(
     active: BoolArray,
 ) -> tuple[BoolArray, IntArray]:
     """Move active iterates by one step: whether each moved, and its number of evaluations."""
-    from .iterate_kernels import barrier_terms, slopes, violations
-
     y, bounds = iterates.y, iterates.bounds
     weights, gradient, ascent = (np.empty_like(y) for _ in range(3))
     limits, gradients = (
@@ -172,8 +182,6 @@ class Search:
 
     def run(self, step: FloatArray, rows: IntArray) -> tuple[BoolArray, IntArray]:
         """Search for some instances: whether each has moved, and its number of evaluations."""
-        from .iterate_kernels import remember
-
         now = self.iterates
         first = now.bounds.longest_step(now.y, step, self.keep)
         self.length = first.copy()
@@ -199,8 +207,6 @@ class Search:
         return moved, evaluations
 
     def _trial(self, rows: IntArray, step: FloatArray, length: FloatArray) -> Trial:
-        from .iterate_kernels import judge, log_barrier, trial_points, violations
-
         now, kept = self.iterates, self.iterates.filter
         y, lower, upper = (np.empty((len(now.y), rows.size)) for _ in range(3))
         barrier, violation, work = (
@@ -233,8 +239,6 @@ class Search:
 
     def finish(self, step: FloatArray, multipliers: FloatArray, moved: BoolArray) -> None:
         """Move the multipliers of the instances that have moved, and write all new values."""
-        from .iterate_kernels import move_multipliers
-
         now, (y, f, g, barrier) = self.iterates, self.new
         work = np.empty_like(now.z), moved.astype(float)
         move_multipliers((now.y, y, now.mu), self.limits, step, self.keep, work, now.z)
