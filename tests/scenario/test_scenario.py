@@ -252,11 +252,6 @@ def test_with_values_of_wrong_type_names_key(paper: Scenario) -> None:
     assert "swarm.v_max cannot be set: swarm is 3, not a table of keys" in text
 
 
-def test_with_values_of_unknown_table_suggests_closest(paper: Scenario) -> None:
-    text = message(paper.with_values, {"gide.xyz": 1})
-    assert "unknown key 'gide'; did you mean 'guide'?" in text
-
-
 # --- replace
 
 
