@@ -233,7 +233,8 @@ def given(folder: str) -> Iterator[tuple[str, str, str]]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                 kind = {"call_error": "PolicyCallError"}.get(node.func.id, node.func.id)
-                if issubclass(getattr(errors, kind, int), errors.CasswarmError):
+                found = getattr(errors, kind, None)
+                if isinstance(found, type) and issubclass(found, errors.CasswarmError):
                     names = (keyword.arg for keyword in node.keywords if keyword.arg)
                     yield from ((kind, name, f"{path.name}:{node.lineno}") for name in names)
 
