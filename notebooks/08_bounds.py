@@ -25,8 +25,8 @@ import numpy as np
 import pandas as pd
 
 import casswarm as csw
+from casswarm.bounds import PotentialFamily
 from casswarm.bounds.level_game import LevelGame
-from casswarm.bounds.potential import PotentialFamily
 from casswarm.figures import cost_to_go_map
 from casswarm.grid import Relaxation
 from casswarm.scenario.variations import with_parameters

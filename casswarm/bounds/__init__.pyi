@@ -1,7 +1,11 @@
-from .acceleration_bound import bound_with_acceleration
-from .acceleration_limits import AccelerationBound, AccelerationLimits, acceleration_limits
+from .acceleration_bound import (
+    AccelerationBound,
+    AccelerationLimits,
+    acceleration_limits,
+    bound_with_acceleration,
+)
+from .level_game import PotentialFamily
 from .pair_bound import PairBound, PairValueFunction, pair_bound, require_pair
-from .potential import PotentialFamily
 from .risk_bound import Certificate, Level, certify
 from .success_bound import SuccessBound
 

@@ -85,6 +85,14 @@ class Buffers(NamedTuple):
         return cls(*of_members, whole(1 << k), *(real(1 << k) for _ in range(3)))
 
 
+class Tables(NamedTuple):
+    """Values of all sets of 0, ..., k levels, by their number and rank."""
+
+    values: FloatArray
+    offsets: IntArray  # (k + 1,), where those of each number begin
+    binomials: IntArray  # (., k + 2)
+
+
 @kernel
 def fill_levels(levels: IntArray) -> None:
     """Write all sorted rows (count, k) by rank; the rank of 0, ..., 0 is 0."""
@@ -100,36 +108,27 @@ def fill_levels(levels: IntArray) -> None:
 
 @kernel
 def best_moves(
-    levels: IntArray,
-    moves: Moves,
-    binomials: IntArray,
-    offsets: IntArray,
-    corrected: bool,
-    buffers: Buffers,
-    tables: FloatArray,
+    levels: IntArray, moves: Moves, corrected: bool, buffers: Buffers, tables: Tables
 ) -> None:
     """Values of all sets of k levels, from those of lower levels and of fewer members.
 
     G_k(a) is the largest of G_(k-1) without any one member and of (S4) for every move from the
-    nodes a to b, a - b in {0, ..., D}^k but 0. Values of sets of 0, ..., k levels begin in `tables`
-    at `offsets`; those of `levels` (count, k) are written, but for those with a member at level 0.
-    If corrections for interpolation are to be added, `tables` hold the values without.
+    nodes a to b, a - b in {0, ..., D}^k but 0. Values of `levels` (count, k) are written, but for
+    those with a member at level 0; to be corrected for interpolation, they are given without.
     """
     count, k = levels.shape
     deepest = moves.survival.shape[1] - 1
-    drops = buffers.drops
+    drops, begin = buffers.drops, tables.offsets[k]
     for rank in range(count):
         if levels[rank, 0] == 0:
             continue
-        best = float(tables[offsets[k] + rank])
+        best = float(tables.values[begin + rank])
         for i in range(k):  # more members are never worse
-            best = max(best, _without(levels[rank], i, binomials, offsets, tables))
+            best = max(best, _without(levels[rank], i, tables))
         drops[:] = 0
         while _next_drops(drops, levels[rank], deepest):
-            best = max(
-                best, _expected(levels[rank], moves, binomials, offsets, corrected, buffers, tables)
-            )
-        tables[offsets[k] + rank] = best
+            best = max(best, _expected(levels[rank], moves, corrected, buffers, tables))
+        tables.values[begin + rank] = best
 
 
 @kernel
@@ -148,27 +147,19 @@ def _next_drops(drops: IntArray, row: IntArray, deepest: int) -> bool:
 
 
 @kernel
-def _without(
-    row: IntArray, left_out: int, binomials: IntArray, offsets: IntArray, tables: FloatArray
-) -> float:
+def _without(row: IntArray, left_out: int, tables: Tables) -> float:
     """Value of a set without one of its levels."""
     rank, place = 0, 0
     for i in range(row.shape[0]):
         if i != left_out:
-            rank += binomials[row[i] + place, place + 1]
+            rank += tables.binomials[row[i] + place, place + 1]
             place += 1
-    return float(tables[offsets[place] + rank])
+    return float(tables.values[tables.offsets[place] + rank])
 
 
 @kernel
 def _expected(
-    row: IntArray,
-    moves: Moves,
-    binomials: IntArray,
-    offsets: IntArray,
-    corrected: bool,
-    buffers: Buffers,
-    tables: FloatArray,
+    row: IntArray, moves: Moves, corrected: bool, buffers: Buffers, tables: Tables
 ) -> float:
     """Expected value after a joint move, with corrections: equation (S4).
 
@@ -176,6 +167,7 @@ def _expected(
     `alive`, and the correction of every member that drops.
     """
     k, ranks, values, weights = row.shape[0], buffers.ranks, buffers.values, buffers.low
+    binomials = tables.binomials
     _prepare(row, moves, buffers)
     ranks[0], weights[0] = 0, 1.0
     for i in range(k):  # sets whose last member is i
@@ -186,7 +178,7 @@ def _expected(
             weights[chosen] *= 1.0 - buffers.alive[i]
     total = 0.0
     for chosen in range(1 << k):
-        values[chosen] = tables[offsets[_ones(chosen)] + ranks[chosen]]
+        values[chosen] = tables.values[tables.offsets[_ones(chosen)] + ranks[chosen]]
         total += weights[chosen] * values[chosen]
     if corrected:
         after, fallen, correction = buffers.after, buffers.fallen, 0.0
@@ -194,26 +186,19 @@ def _expected(
             if i == 0 or after[i] != after[i - 1] or fallen[i] != fallen[i - 1]:
                 correction = 0.0  # else the same again
                 if fallen[i] > 0:
-                    correction = _correction(i, moves.growth, binomials, offsets, buffers, tables)
+                    correction = _correction(i, moves.growth, buffers, tables)
             total += correction
     return total
 
 
 @kernel
-def _correction(
-    i: int,
-    growth: float,
-    binomials: IntArray,
-    offsets: IntArray,
-    buffers: Buffers,
-    tables: FloatArray,
-) -> float:
+def _correction(i: int, growth: float, buffers: Buffers, tables: Tables) -> float:
     """Correction for the interpolation in the level of a member that drops, as in (S4).
 
     K_i (sum over A without i of pi_A [G(b_(A+i)) - G(b_A) - (G(b_(A+i) + e_i) - G(b_A))^+ / r])^+,
     with 1 / r in `growth` and K_i in `margin`.
     """
-    after, values = buffers.after, buffers.values
+    after, values, binomials = buffers.after, buffers.values, tables.binomials
     k = after.shape[0]
     last = i  # of the members at this level: sets in which it is one higher are sorted
     while last + 1 < k and after[last + 1] == after[i]:
@@ -229,7 +214,7 @@ def _correction(
         place = _ones(raised & ((1 << last) - 1))
         rank = buffers.ranks[raised] - binomials[level + place, place + 1]
         rank += binomials[level + 1 + place, place + 1]
-        higher = tables[offsets[_ones(raised)] + rank] - values[others]
+        higher = tables.values[tables.offsets[_ones(raised)] + rank] - values[others]
         excess = values[others | 1 << i] - values[others] - growth * max(higher, 0.0)
         total += excess * (buffers.high[others] if excess > 0.0 else buffers.low[others])
     return float(buffers.margin[i]) * max(total, 0.0)

@@ -6,25 +6,20 @@ import math
 import time
 from collections.abc import Generator
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 
 from ..errors import PlanningError
-from ..grid.nodes import NodeBlock, Relaxation
+from ..grid.nodes import NodeBlock, Relaxation, multilinear
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
-from .pair_program import Arrays, PairProgram, best_multiplier
-from .pair_tube import Tube, gathered
+from .pair_program import Arrays, PairProgram, Tube, best_multiplier, gathered
 from .refinement import Clock, refined
 
-MAX_NODES = 100_000_000
-"""Default maximum number of joint nodes of a grid, over all steps: 8 bytes each."""
-
+MAX_NODES = 100_000_000  # default maximum of joint nodes of a grid, over all steps: 8 bytes each
 TOLERANCE = 1e-3
 TIME_LIMIT = 60.0
-
 _FIRST_NODES = 5_000_000
 _REACHES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28, 32, 40, 48, 56, 64)
 _SLOWER = 2.5  # a larger grid, back and forth, than a forward recursion, per node
@@ -196,15 +191,14 @@ def first_program(
 def require_pair(scenario: Scenario) -> None:
     """Raise PlanningError unless a scenario has two members and rates with bounds for pairs."""
     if scenario.n != 2:
-        raise PlanningError(
-            f"the optimal value is computed for two members; {scenario.name!r} has {scenario.n}",
-            members=scenario.n,
+        reason = (
+            f"the optimal value is computed for two members; {scenario.name!r} has {scenario.n}"
         )
-    hazard = scenario.hazard
-    if hazard.pair_bounds((1, 1), 1.0) is None:
+        raise PlanningError(reason, members=scenario.n)
+    if scenario.hazard.pair_bounds((1, 1), 1.0) is None:
         raise PlanningError(
-            f"{type(hazard).__name__} does not provide `pair_bounds`, bounds of the rates of two "
-            "members; Saturation and SaturationCollision do"
+            f"{type(scenario.hazard).__name__} does not provide `pair_bounds`, bounds of the rates "
+            "of two members; Saturation and SaturationCollision do"
         )
 
 
@@ -238,28 +232,14 @@ class PairValueFunction:
 
     The values are those of a policy on the nodes, up to interpolation of a survivor's. They are not
     bounds; `casswarm.bounds.pair_bound` proves one.
-
-    Parameters
-    ----------
-    origin : (2,)
-        Position of node (0, 0).
-    shifts : (2, 2)
-        By which positions are beyond those on the grid; 0 unless a member can never arrive.
-    spacing : float
-    step : float
-        Largest change of a coordinate in a time step.
-    blocks : tuple of NodeBlock
-        Nodes of both members, for steps 1 to N.
-    values : tuple of ndarray
-        Success probability at the nodes, before losses of that step are drawn.
     """
 
-    origin: FloatArray
-    shifts: FloatArray
+    origin: FloatArray  # (2,), position of node (0, 0)
+    shifts: FloatArray  # (2, 2), to positions from those on the grid; 0 if members can arrive
     spacing: float
-    step: float
-    blocks: tuple[NodeBlock, ...] = field(repr=False)
-    values: tuple[FloatArray, ...] = field(repr=False)
+    step: float  # largest change of a coordinate in a time step
+    blocks: tuple[NodeBlock, ...] = field(repr=False)  # of both members, for steps 1 to N
+    values: tuple[FloatArray, ...] = field(repr=False)  # before losses of that step are drawn
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, max_nodes: int = _MAX_NODES) -> PairValueFunction:
@@ -294,12 +274,7 @@ class PairValueFunction:
         last = np.array(values.shape) - 1
         inside = ((at >= 0) & (at <= last)).all(axis=1)
         cells = np.clip(np.floor(at).astype(int), 0, last - 1)
-        fractions = at - cells
-        total = np.zeros(len(at))
-        for corner in product((0, 1), repeat=4):
-            weights = np.where(corner, fractions, 1 - fractions).prod(axis=1)
-            total += weights * values[tuple((cells + corner).T)]
-        return np.where(inside, total, 0.0)
+        return np.where(inside, multilinear(values, cells, at - cells), 0.0)
 
     def path(self, starts: FloatArray) -> FloatArray:
         """Positions (N+1, 2, 2) along the best nodes from the starts, while both are alive."""

@@ -20,17 +20,12 @@ from ..grid.dynamic_programming import (
 )
 from ..grid.nodes import Grid, NodeBlock, Relaxation, corners, extremum_within_reach
 from ..typing import FloatArray
-from .acceleration_limits import AccelerationBound
+from .acceleration_bound import AccelerationBound
 from .refinement import Clock, refined
 
-GAP = 0.01
-"""Default relative gap at which a certificate is good enough."""
-
-FIRST_NODES = 400_000
-"""Maximum number of nodes of the first grid, if the stride can be chosen so."""
-
-MAX_NODES = 10_000_000
-"""Maximum number of nodes of any grid: three numbers each take 240 MB."""
+GAP = 0.01  # default relative gap at which a certificate is good enough
+FIRST_NODES = 400_000  # maximum of the first grid, if the stride can be chosen so
+MAX_NODES = 10_000_000  # maximum of any grid: three numbers each take 240 MB
 
 
 @dataclass(frozen=True)
@@ -116,21 +111,11 @@ def certify(
 ) -> Certificate:
     """Bound on the risk of all guides, refined until it is within `gap` of the best known risk.
 
-    Parameters
-    ----------
-    task : Relaxation
-        Its hazard must provide `single_agent_rates_below`.
-    best : float
-        Risk of a known path of the relaxation.
-    multiplier : float
-        Minus the derivative of that risk with respect to the target's radius. Any value is valid;
-        with a good one the bound converges to `best` as the square of the spacing.
-    gap : float
-        Value of (best - bound) / best at which to stop.
-    time_limit : float
-        Seconds.
-    first_nodes, max_nodes : int
-        Maximum number of nodes of the first grid, if the stride can be chosen so, and of any grid.
+    `best` is the risk of a known path of the relaxation, whose hazard provides
+    `single_agent_rates_below`; the `multiplier` is minus its derivative with respect to the
+    target's radius. Any value is valid; with a good one the bound converges to `best` as the square
+    of the spacing. It ends at a `gap` (best - bound) / best, after some seconds, or at a grid of
+    more than `max_nodes` nodes; the first has at most `first_nodes` if the stride can be chosen so.
     """
     clock = Clock(time.monotonic() + time_limit)
     late = f"the next grid would exceed the time limit of {time_limit:.3g} s"
@@ -218,18 +203,9 @@ def arrival_multiplier(task: Relaxation, positions: FloatArray) -> float:
 
     From its optimality conditions: with a_t the derivative of the risk with respect to a common
     shift of X(t+1), ..., X(T), and n the outward direction at the rim, a_t + multiplier n vanishes
-    in every component of V(t) that is not at its limit, and points outwards in the others.
-
-    Parameters
-    ----------
-    task : Relaxation
-    positions : (T+1, 2)
-        Of a path without acceleration limits.
-
-    Returns
-    -------
-    float
-        At least 0; any value is valid for `certify`.
+    in every component of V(t) that is not at its limit, and points outwards in the others. The
+    positions (T+1, 2) are those of a path without acceleration limits. Any value, at least 0, is
+    valid for `certify`.
     """
     outward = positions[-1] - task.center
     distance = float(np.hypot(*outward))

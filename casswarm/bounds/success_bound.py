@@ -22,31 +22,20 @@ import numpy as np
 
 from .._util.numbers import rounded_up
 from ..grid.dynamic_programming import StageCosts, costs_to_go, least_cost, rounding, trace
-from ..grid.nodes import Grid, NodeBlock, Relaxation, bilinear, extremum_within_reach, node_count
+from ..grid.nodes import Grid, NodeBlock, Relaxation, extremum_within_reach, multilinear, node_count
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
 from .level_game import Effort, game_bound
 from .risk_bound import arrival_multiplier
 
-MAX_NODES = 1_000_000
-"""Default maximum number of nodes of the grid, over all steps."""
+MAX_NODES = 1_000_000  # default maximum of nodes of the grid, over all steps
+MAX_WORK = 6e7  # default of a level game, about a second; 1.5e8 is worth while for five members
+ACCURACY = 0.01  # default relative improvement of the bound on failure to refine for
+CLOCKS, GAME = "independent clocks", "level game"  # methods
 
-_MULTIPLIER_NODES = 50_000
-"""Nodes of the grid on which the multiplier of arrival is estimated."""
-
-MAX_WORK = 6e7
-"""Default amount of work of a level game: about a second; 1.5e8 is worth while for
-five members."""
-
-ACCURACY = 0.01
-"""Default relative improvement of the bound on failure below which it is not refined."""
-
-CLOCKS, GAME = "independent clocks", "level game"
-"""Methods."""
-
+_MULTIPLIER_NODES = 50_000  # of the grid on which the multiplier of arrival is estimated
 _GAME_NODES = 4  # of potentials, for a node of the grid of risks
-
 _ROUND_DOWN = 1 - 1e-12  # by more than the rounding of exponentials and products
 
 
@@ -219,7 +208,7 @@ def _lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> Float
     initial = extremum_within_reach(to_go[0], grid.nodes[0], corners, grid.reach)
     if grid.stride > 1:  # paths that arrive before their first sample
         initial = np.minimum(initial, stage_costs.terminal(corners))
-    risks = bilinear(initial, cells - low, nodes - cells)
+    risks = multilinear(initial, cells - low, nodes - cells)
     largest = float(initial[np.isfinite(initial)].max(initial=0.0))
     slack = rounding(stage_costs, largest, interpolated=True)
     return np.maximum(0.0, np.minimum(risks, 1e300) - slack)

@@ -24,7 +24,7 @@ from ..chain.distribution import OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
 from ..chain.transition import Lattice
 from ..errors import CasswarmError
-from ..guide.certificate import certify_guide
+from ..guide import certify_guide
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan, plan_from
 from ..policies.base import Policy

@@ -31,22 +31,14 @@ _ROUNDING = 64 * UNIT  # of a coordinate in a step of a path, relative
 class StageCosts:
     """Costs of visiting a node and of stopping there.
 
-    Parameters
-    ----------
-    grid : Grid
-    certified : bool
-        Whether costs are such that the least cost bounds the risk of every guide (`Hazard.
-        single_agent_rates_below`), or the rates at the nodes.
-    multiplier : float
-        Weight of the distance to the target's rim in the terminal cost; see `terminal`.
-    inside : bool
-        Whether paths may stop only at nodes in the target zone, as real paths do.
+    If `certified`, they are such that the least cost bounds the risk of every guide
+    (`Hazard.single_agent_rates_below`); else the rates at the nodes.
     """
 
     grid: Grid
     certified: bool = True
-    multiplier: float = 0.0
-    inside: bool = False
+    multiplier: float = 0.0  # weight of the distance to the target's rim; see `terminal`
+    inside: bool = False  # whether paths stop only at nodes in the target zone, as real ones do
 
     @cached_property
     def nodes(self) -> Values:

@@ -31,18 +31,10 @@ _NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positi
 
 
 class NodeBlock(NamedTuple):
-    """A rectangular block of nodes, along any number of axes.
+    """A rectangular block of nodes, along any number of axes."""
 
-    Parameters
-    ----------
-    first : tuple of int
-        Indices of the first node.
-    shape : tuple of int
-        Number of nodes along each axis.
-    """
-
-    first: tuple[int, ...]
-    shape: tuple[int, ...]
+    first: tuple[int, ...]  # indices of the first node
+    shape: tuple[int, ...]  # number of nodes along each axis
 
     @classmethod
     def between(cls, first: ArrayLike, last: ArrayLike) -> NodeBlock:
@@ -87,18 +79,10 @@ class NodeBlock(NamedTuple):
 
 
 class CellBlock(NamedTuple):
-    """A rectangle of cells, some of them active.
+    """A rectangle of cells, some of them active."""
 
-    Parameters
-    ----------
-    first : pair of int
-        Indices of the first node; node (0, 0) is the start.
-    cells : (n-1, m-1) bool
-        Active cells.
-    """
-
-    first: tuple[int, ...]
-    cells: BoolArray
+    first: tuple[int, ...]  # indices of the first node; node (0, 0) is the start
+    cells: BoolArray  # (n-1, m-1), active cells
 
     @classmethod
     def full(cls, nodes: NodeBlock) -> CellBlock:
@@ -196,8 +180,8 @@ def extremum_within_reach(
     return np.full(to.shape, -np.inf if largest else np.inf) if best is None else best
 
 
-def bilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> FloatArray:
-    """Bilinear interpolation (B,) of values (n, m) in cells (B, 2), at fractions (B, 2) of a cell.
+def multilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> FloatArray:
+    """Interpolation (B,) of values along N axes in cells (B, N), at fractions (B, N) of a cell.
 
     Infinite outside the grid, and where a corner is whose weight is not zero up to rounding.
     """
@@ -206,9 +190,9 @@ def bilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> Floa
         return np.full(len(cells), np.inf)
     cells = np.where(inside[:, None], cells, 0)
     interpolated = np.zeros(len(cells))
-    for i, j in itertools.product((0, 1), (0, 1)):
-        weight = np.abs(1 - i - fractions[:, 0]) * np.abs(1 - j - fractions[:, 1])
-        corner = values[cells[:, 0] + i, cells[:, 1] + j]
+    for ends in itertools.product((0, 1), repeat=values.ndim):
+        weight = math.prod(np.where(ends, fractions, 1 - fractions).T)
+        corner = values[tuple((cells + ends).T)]
         interpolated += weight * np.where((weight > _NO_WEIGHT) | np.isfinite(corner), corner, 0.0)
     return np.where(inside, interpolated, np.inf)
 
@@ -220,30 +204,17 @@ class Relaxation:
     Without acceleration limits and arrival margin, with the excess of speed that the chain allows,
     and with the rest rounded outwards: a lower bound for all guides of the relaxation is one for
     all guides of the scenario, and for every member of a swarm.
-
-    Parameters
-    ----------
-    hazard : Hazard
-    start, center : (2,)
-    radius : float
-        Of the target zone; a guide arrives at its first step in the zone.
-    step, speed : float
-        s, the largest change of a coordinate in a time step, and a velocity that is never reduced.
-    steps, dt : int, float
-        N, the last time step, and the length of one.
-    least : LeastRate, optional
-        phi of the single-agent rate, the least rate of a member of a swarm, instead of that rate.
     """
 
     hazard: Hazard
-    start: FloatArray
-    center: FloatArray
+    start: FloatArray  # (2,)
+    center: FloatArray  # (2,), of the target zone; a guide arrives at its first step in it
     radius: float
-    step: float
-    speed: float
-    steps: int
+    step: float  # s, the largest change of a coordinate in a time step
+    speed: float  # a velocity that is never reduced
+    steps: int  # N, the last time step
     dt: float
-    least: LeastRate | None = None
+    least: LeastRate | None = None  # phi: the least rate of a member of a swarm, instead of b
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
@@ -299,23 +270,12 @@ class Relaxation:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Nodes start + h (i, j) for every sample of a path.
-
-    Parameters
-    ----------
-    task : Relaxation
-    stride : int
-        m, time steps from one sample of a path to the next.
-    reach : int
-        k, nodes by which a coordinate changes from one sample to the next: h = m s / k.
-    blocks : tuple of tuple of CellBlock
-        For every sample j = 1 .. ceil(N / m) of a path, the blocks that it may visit.
-    """
+    """Nodes start + h (i, j) for every sample j = 1 .. ceil(N / m) of a path."""
 
     task: Relaxation
-    stride: int
-    reach: int
-    blocks: tuple[tuple[CellBlock, ...], ...] = field(repr=False)
+    stride: int  # m, time steps from one sample of a path to the next
+    reach: int  # k, nodes by which a coordinate changes from one sample to the next: h = m s / k
+    blocks: tuple[tuple[CellBlock, ...], ...] = field(repr=False)  # for every sample
 
     @classmethod
     def full(

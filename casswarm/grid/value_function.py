@@ -16,7 +16,7 @@ from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray
 from .dynamic_programming import StageCosts, Values, costs_to_go, rounding
-from .nodes import ANYWHERE, Grid, NodeBlock, Relaxation, bilinear, box_extremum, node_count
+from .nodes import ANYWHERE, Grid, NodeBlock, Relaxation, box_extremum, multilinear, node_count
 
 _MAX_NODES = 2_500_000  # of the grid, over all steps
 _MAX_REACH = 1024  # nodes that a step spans; values are interpolated as far around the grid
@@ -162,7 +162,7 @@ class ValueFunction:
         least = box_extremum(at[1], at[0], around, reach) if reach else at[1]
         nodes = (flat - self.grid.task.start) / self.grid.spacing - around.first
         cells = np.floor(nodes).astype(int)
-        return bilinear(least, cells, nodes - cells)
+        return multilinear(least, cells, nodes - cells)
 
     def _best_nodes(
         self, values: Values, step: int, flat: FloatArray

@@ -1,9 +1,7 @@
-from .certificate import certify_guide
 from .frame import Frame
 from .guide import Candidate, Guide
-from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
-from .multistart import Multistart
-from .plan import initial_velocities, plan_baseline, plan_from
+from .multistart import GridPath, Multistart, best_homotopy_classes, homotopy_signature
+from .plan import certify_guide, initial_velocities, plan_baseline, plan_from
 
 __all__ = [
     "Candidate",

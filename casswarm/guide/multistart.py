@@ -1,4 +1,4 @@
-"""Multistart search for a guide: initial paths, arrival steps, and the outcome of each solve."""
+"""Multistart search for a guide: homotopy classes, arrival steps, and the outcome of each solve."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ from functools import partial
 
 import numpy as np
 
-from ..grid.nodes import Relaxation
+from ..grid.dynamic_programming import (
+    Node,
+    StageCosts,
+    costs_to_come,
+    costs_to_go,
+    trace,
+    trace_back,
+)
+from ..grid.nodes import Grid, NodeBlock, Relaxation, box_extremum
 from ..motion.kinematics import integrate, remaining_distance, resample
 from ..nlp.program import Instances, Nlp
 from ..nlp.residuals import kkt_residuals
@@ -28,41 +36,29 @@ from ..solvers import Ipopt, Solver
 from ..solvers.base import VIOLATION
 from ..typing import FloatArray, Progress, Search
 from .guide import Candidate, Guide
-from .homotopy import GridPath, best_homotopy_classes, homotopy_signature
 
 LOG = logging.getLogger(__name__)
 
 STRAIGHT, GRID_PATH = "straight", "grid path"
 """Names of starts: along the straight line, and along a grid path where there are no radars."""
 
-COARSE_STEPS = 8
-"""Arrival steps tried first, evenly spaced; the intervals next to the best are then bisected."""
-
-MAX_CLASSES = 4
-"""Homotopy classes, in order of risk, from which a global search starts."""
-
-LONG_HORIZON = 100
-"""Number of steps above which a global search uses fewer starts, because solves take longer."""
-
-LONG_SOLVE = 1000
-"""Number of steps from which every solve is reported; those of general solvers always are."""
-
-REFINE_WITHIN = 1.1
-"""Refine the arrival time of homotopy classes whose risk is within this factor of the best."""
-
-SCALED_RISK = 100.0
-"""Scaled risk of an initial path in another homotopy class than the straight line's: with a smaller
-objective, the barrier of an interior-point method may push the path out of its class."""
-
-NEARLY, ROUNDING = 1e-5, 1e-9
-"""Paths that miss the target by less than `NEARLY` (relative to its radius) are projected to
-`ROUNDING` inside it."""
-
-MAX_NEARBY_CLASSES = 3
-"""Homotopy classes of a neighbour's guide, in order of risk, that a search near it starts from."""
-
 InitialPath = Callable[[int, float], FloatArray]
 """Velocities (steps, 2) of an initial path, for a number of steps and dt."""
+
+_COARSE_STEPS = 8  # arrival steps tried first; the intervals next to the best are then bisected
+_MAX_CLASSES = 4  # homotopy classes, in order of risk, from which a global search starts
+_MAX_NEARBY_CLASSES = 3  # those of a neighbour's guide that a search near it starts from
+_LONG_HORIZON = 100  # steps above which there are fewer starts, because solves take longer
+_LONG_SOLVE = 1000  # steps from which every solve is reported, as of general solvers always
+_REFINE_WITHIN = 1.1  # of the best risk: homotopy classes whose arrival time is refined
+
+# With a smaller objective, the barrier of an interior-point method may push an initial path out of
+# another homotopy class than the straight line's.
+_SCALED_RISK = 100.0
+
+# Paths that miss the target by less than the first, relative to its radius, are projected inside it
+# by the second.
+_NEARLY, _ROUNDING = 1e-5, 1e-9
 
 
 def solve_by(deadline: float, solver: Solver, nlp: Nlp, instance: Instances) -> Solution:
@@ -100,6 +96,95 @@ def _limited(solver: Solver, deadline: float) -> Solver:
     return replace(solver, time_limit=2.0**power)  # type: ignore[type-var]
 
 
+_MAX_NODES = 150_000
+_TILES = 16  # along the map's longer side
+_MAX_TRACED = 24  # paths through the best nodes of tiles
+
+
+def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
+    """Side on which a path passes every radar: L if it has the radar on its left, R on its right.
+
+    The side is the sign of the angle that the path sweeps as seen from the radar, which
+    distinguishes a path (T+1, 2) that goes around a radar from one that turns before it.
+    """
+    offset = positions[None] - radars[:, None]
+    angle = np.unwrap(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
+    swept = angle[:, -1] - angle[:, 0] if len(radars) else np.empty(0)
+    return "".join("L" if turn > 0 else "R" for turn in swept)
+
+
+@dataclass(frozen=True, eq=False)
+class GridPath:
+    """A path on the grid, without acceleration limits, to the target's rim or next to it."""
+
+    positions: FloatArray  # (j+1, 2), from the start, every `stride` time steps
+    stride: int
+    homotopy: str  # see `homotopy_signature`
+
+    @property
+    def arrival(self) -> int:
+        """The arrival step."""
+        return self.stride * (len(self.positions) - 1)
+
+    def velocities(self, steps: int, dt: float) -> FloatArray:
+        """Velocities (steps, 2) along the path, its timing stretched to `steps`."""
+        return resample(self.positions, steps, dt, np.arange(float(len(self.positions))))
+
+
+def best_homotopy_classes(task: Relaxation, max_classes: int) -> list[GridPath]:
+    """The best grid path, and the best ones in other homotopy classes, in order of risk.
+
+    Dynamic programming gives the least risk of the paths through every node at every sample, as
+    the sum of cost to come and cost to go. Paths are traced through the best nodes of map tiles.
+    """
+    stage_costs = StageCosts(Grid.finest(task, _MAX_NODES), certified=False)
+    grid, radars = stage_costs.grid, task.hazard.radar_positions
+    classes: dict[str, GridPath] = {}
+    for nodes in _paths(stage_costs):
+        if len(nodes) < 2:
+            continue
+        positions = task.start + grid.spacing * np.array(nodes, float)
+        homotopy = homotopy_signature(positions, radars)
+        classes.setdefault(homotopy, GridPath(positions, grid.stride, homotopy))
+        if len(classes) == max_classes:
+            break
+    return list(classes.values())
+
+
+def _paths(stage_costs: StageCosts) -> Iterator[list[Node]]:
+    """The best path, then the best ones through local minima a quarter, half and 3/4 along."""
+    to_go, to_come = costs_to_go(stage_costs), list(costs_to_come(stage_costs))
+    best = trace(stage_costs, to_go)
+    yield best
+    waypoints = []
+    quarters = (0.25, 0.5, 0.75)
+    for sample in sorted({max(1, round(part * (len(best) - 1))) for part in quarters}):
+        at = sample - 1
+        for nodes, come, go in zip(stage_costs.grid.nodes[at], to_come[at], to_go[at], strict=True):
+            for risk, (i, j) in _local_minima(come + go):
+                waypoints.append((risk, sample, (nodes.first[0] + i, nodes.first[1] + j)))
+    for _, sample, node in sorted(waypoints)[:_MAX_TRACED]:
+        first_part = trace_back(stage_costs, to_come, node, sample)
+        yield first_part + trace(stage_costs, to_go, node, sample)
+
+
+def _local_minima(totals: FloatArray) -> Iterator[tuple[float, Node]]:
+    """Least value and its node in every tile that is no worse than its neighbouring tiles."""
+    size = max(1, -(-max(totals.shape) // _TILES))
+    rows, columns = (-(-n // size) for n in totals.shape)
+    tiles = np.full((rows * size, columns * size), np.inf)
+    tiles[: totals.shape[0], : totals.shape[1]] = totals
+    tiles = tiles.reshape(rows, size, columns, size).transpose(0, 2, 1, 3)
+    tiles = tiles.reshape(rows, columns, -1)
+    best, at = tiles.min(axis=-1), tiles.argmin(axis=-1)
+    all_tiles = NodeBlock((0, 0), best.shape)
+    local = np.isfinite(best) & (best <= box_extremum(best, all_tiles, all_tiles, 1))
+    for row, column in zip(*np.nonzero(local), strict=True):
+        inner = divmod(int(at[row, column]), size)
+        node = (int(row) * size + inner[0], int(column) * size + inner[1])
+        yield float(best[row, column]), node
+
+
 def preference(candidate: Candidate) -> tuple[bool, bool, float, str, float]:
     """Sort key: candidates that arrive come first, then those that are solved, then by risk.
 
@@ -115,15 +200,8 @@ def preference(candidate: Candidate) -> tuple[bool, bool, float, str, float]:
 class Multistart:
     """Solves of one agent's guide problem, from several starts and for several arrival steps.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    task : GuideTask
-    solver : Solver
-    progress : Progress, optional
-    deadline : float
-        Time of `time.monotonic` after which no solve starts; solvers that can limit their time end
-        by then.
+    No solve starts after the deadline, a time of `time.monotonic`; solvers that can limit their
+    time end by then.
     """
 
     scenario: Scenario
@@ -142,10 +220,10 @@ class Multistart:
         starts: dict[str, InitialPath] = {STRAIGHT: self._straight}
         steps = {STRAIGHT: self._coarse_steps()}
         if search == "global" and not self.expired:
-            is_long = self.scenario.n_steps > LONG_HORIZON
+            is_long = self.scenario.n_steps > _LONG_HORIZON
             relaxation = Relaxation.from_scenario(self.scenario, self.task.start)
             relaxation = replace(relaxation, radius=self.task.radius)
-            for path in best_homotopy_classes(relaxation, 2 if is_long else MAX_CLASSES):
+            for path in best_homotopy_classes(relaxation, 2 if is_long else _MAX_CLASSES):
                 starts[_name(path)] = path.velocities
                 steps[_name(path)] = self._steps_near(path.arrival)
             steps[STRAIGHT] = self._coarse_steps(1 if is_long else 3)
@@ -168,7 +246,7 @@ class Multistart:
         """Outcomes of starts along another agent's guide and its other homotopy classes."""
         feasible = self._feasible_steps()
         outcomes: list[Candidate] = []
-        for neighbour in guide.best_per_homotopy_class()[:MAX_NEARBY_CLASSES]:
+        for neighbour in guide.best_per_homotopy_class()[:_MAX_NEARBY_CLASSES]:
             path = integrate(guide.positions[0], neighbour.velocities, self.task.dt)
             nearby = {neighbour.arrival + shift for shift in (-1, 0, 1)}
             steps = sorted(nearby.intersection(feasible)) or feasible[-1:]
@@ -195,7 +273,7 @@ class Multistart:
     def _report_solve(self, name: str, arrival: int, number: str) -> None:
         """Report a solve that may take more than a second: not one by Ipopt of a usual length."""
         steps = self.scenario.n_steps
-        if steps >= LONG_SOLVE or self.solver.name != Ipopt.name:
+        if steps >= _LONG_SOLVE or self.solver.name != Ipopt.name:
             detail = f", solve {number} by {self.solver.name}, {arrival} of at most {steps} steps"
             self._report(name, detail)
 
@@ -220,10 +298,10 @@ class Multistart:
             yield self._candidate(name, arrival, velocities, solution)
 
     def _scale(self, velocities: FloatArray) -> float:
-        """Factor by which the risk of an initial path becomes `SCALED_RISK`."""
+        """Factor by which the risk of an initial path becomes `_SCALED_RISK`."""
         positions = integrate(self.task.start, velocities, self.task.dt)
         risk = float(self.task.dt * self.scenario.hazard.single_agent_rates(positions[1:]).sum())
-        return SCALED_RISK / risk if 0 < risk < np.inf else 1.0
+        return _SCALED_RISK / risk if 0 < risk < np.inf else 1.0
 
     def _refine(self, name: str, start: InitialPath, outcomes: list[Candidate]) -> None:
         """Bisect the intervals of arrival steps next to the best one, and extend `outcomes`.
@@ -250,7 +328,9 @@ class Multistart:
         chosen: dict[str, str] = {}
         for name in sorted(best, key=lambda start: preference(best[start])):
             chosen.setdefault(best[name].homotopy, name)
-        limit = REFINE_WITHIN * min((candidate.risk for candidate in best.values()), default=np.inf)
+        limit = _REFINE_WITHIN * min(
+            (candidate.risk for candidate in best.values()), default=np.inf
+        )
         return [name for name in chosen.values() if best[name].risk <= limit][:2] or [STRAIGHT]
 
     def _candidate(
@@ -279,8 +359,8 @@ class Multistart:
         velocities = np.clip(velocities, -task.v_max, task.v_max)
         offset = integrate(task.start, velocities, task.dt)[-1] - task.center
         distance = float(np.hypot(*offset))
-        missing = distance - (1 - ROUNDING) * radius
-        if not ROUNDING * radius < missing <= NEARLY * radius:
+        missing = distance - (1 - _ROUNDING) * radius
+        if not _ROUNDING * radius < missing <= _NEARLY * radius:
             return velocities
         correction = -missing / distance * offset / task.dt  # summed over the steps
         slack = task.v_max - velocities * np.sign(correction)
@@ -297,7 +377,7 @@ class Multistart:
         goal = self.task.center + shrink * offset
         return resample(np.stack([self.task.start, goal]), steps, dt)
 
-    def _coarse_steps(self, count: int = COARSE_STEPS) -> list[int]:
+    def _coarse_steps(self, count: int = _COARSE_STEPS) -> list[int]:
         """At most `count` arrival steps, evenly spaced from the first feasible one to the last."""
         feasible = self._feasible_steps()
         indices = np.linspace(0, len(feasible) - 1, min(count, len(feasible))).round()
@@ -308,7 +388,7 @@ class Multistart:
         feasible = self._feasible_steps()
         nearest = min(feasible, key=lambda step: abs(step - arrival))
         steps = {nearest, feasible[-1]}
-        if self.scenario.n_steps <= LONG_HORIZON:
+        if self.scenario.n_steps <= _LONG_HORIZON:
             steps |= {nearest - 1, nearest + 1}
         return sorted(steps.intersection(feasible))
 

@@ -13,13 +13,7 @@ from ..typing import FloatArray
 def integrate(start: FloatArray, velocities: FloatArray, dt: float) -> FloatArray:
     """Positions X(0..T), (T+1, ..., 2), of the dynamics X(t+1) = X(t) + dt V(t).
 
-    Parameters
-    ----------
-    start : (..., 2)
-        X(0), of one agent or of several.
-    velocities : (T, ..., 2)
-        V(0..T-1).
-    dt : float
+    `start` is X(0), (..., 2), of one agent or of several; `velocities` are V(0..T-1), (T, ..., 2).
     """
     positions = np.empty((len(velocities) + 1, *np.shape(start)))
     positions[0] = start

@@ -75,19 +75,8 @@ class Motion:
     ) -> tuple[FloatArray, FloatArray]:
         """Products of seeds with the derivatives of a projection; all arrays are (..., 2).
 
-        Parameters
-        ----------
-        commanded, previous_velocities : (..., 2)
-            What was projected, and the velocities before.
-        projected : (..., 2)
-            ``sets(previous_velocities).project(commanded)``.
-        seeds : (..., 2)
-            Derivatives with respect to `projected`.
-
-        Returns
-        -------
-        to_commanded, to_previous : (..., 2)
-            Derivatives with respect to `commanded` and `previous_velocities`.
+        With `projected` = ``sets(previous_velocities).project(commanded)`` and the derivatives
+        `seeds` with respect to it: those with respect to `commanded` and `previous_velocities`.
         """
         given = (commanded, previous_velocities, projected, seeds)
         p, c, q, s = (contiguous(array.reshape(-1, 2)) for array in given)
@@ -106,26 +95,14 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Data of a step t -> t + 1, or of H steps, for a batch of B states.
-
-    Parameters
-    ----------
-    hazard : Hazard
-    motion : Motion
-    positions, previous_velocities : (B, n, 2)
-        X(t) and V(t-1).
-    alive : (B, n) bool
-        Held fixed over the steps.
-    goals : (H, 2) or (H, B, 2)
-        X*(t+1), ..., X*(t+H), for all states or for each.
-    """
+    """Data of a step t -> t + 1, or of H steps, for a batch of B states."""
 
     hazard: Hazard
     motion: Motion
-    positions: FloatArray
-    previous_velocities: FloatArray
-    alive: BoolArray
-    goals: FloatArray
+    positions: FloatArray  # (B, n, 2), X(t)
+    previous_velocities: FloatArray  # (B, n, 2), V(t-1)
+    alive: BoolArray  # (B, n), held fixed over the steps
+    goals: FloatArray  # (H, 2) or (H, B, 2), X*(t+1), ..., X*(t+H), for all states or for each
 
     def __getitem__(self, rows: IntArray) -> Step:
         goals = self.goals if self.goals.ndim == 2 else self.goals[:, rows]

@@ -11,8 +11,8 @@ import pandas as pd
 
 from ..chain.monte_carlo import RunTrajectory
 from ..formation import ProjectedGradient
+from ..guide import homotopy_signature
 from ..guide.guide import Guide
-from ..guide.homotopy import homotopy_signature
 from ..guide.plan import guide_solver, initial_velocities, plan
 from ..motion.step import Motion
 from ..policies import NaivePolicy, Policy, make_policy, member_guides

@@ -22,14 +22,13 @@ from casswarm.bounds import (
     acceleration_limits,
     bound_with_acceleration,
 )
-from casswarm.bounds.acceleration_bound import DualFunction, _Search
+from casswarm.bounds.acceleration_bound import DualFunction, Region, _Search
 from casswarm.bounds.acceleration_kernels import (
     best_path,
     least_step,
     tilted_costs_to_come,
     tilted_costs_to_go,
 )
-from casswarm.bounds.acceleration_limits import Region
 from casswarm.grid import CellBlock, Relaxation
 
 

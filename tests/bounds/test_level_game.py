@@ -12,9 +12,8 @@ from test_success_bound import adversary, some_scenario
 
 from casswarm import Saturation, SaturationCollision, Scenario, load_scenario, success_bound
 from casswarm.bounds import PotentialFamily
-from casswarm.bounds.level_game import Effort, LevelGame, _product, game_bound
+from casswarm.bounds.level_game import Effort, LevelGame, Potential, _product, game_bound
 from casswarm.bounds.level_game_kernels import fill_levels
-from casswarm.bounds.potential import Potential
 from casswarm.grid import Relaxation
 from casswarm.hazard.rate_bounds import LeastRate
 from casswarm.joint import PlanDistribution

@@ -17,8 +17,7 @@ from casswarm import Saturation, SaturationCollision, load_scenario, success_bou
 from casswarm.bounds import PairValueFunction, pair_bound
 from casswarm.bounds.pair_bound import first_program
 from casswarm.bounds.pair_kernels import MemberNodes, step_back
-from casswarm.bounds.pair_program import PairProgram, pair_lattice
-from casswarm.bounds.pair_tube import viable_boxes
+from casswarm.bounds.pair_program import PairProgram, pair_lattice, viable_boxes
 from casswarm.errors import PlanningError
 from casswarm.grid import NodeBlock, Relaxation, box_extremum
 from casswarm.joint import PlanDistribution

@@ -13,8 +13,7 @@ from window_cases import COLLIDING, DT, HAZARD, RADARS, both, leaders_of, window
 
 from casswarm import make_solver
 from casswarm.formation import InteriorPoint, leader_mpc_formation
-from casswarm.formation.horizon import path_limits
-from casswarm.formation.nearest_trajectories import nearest_trajectories
+from casswarm.formation.horizon import nearest_trajectories, path_limits
 from casswarm.motion import Motion, Step
 from casswarm.nlp import kkt_residuals
 from casswarm.policies import applied_decision

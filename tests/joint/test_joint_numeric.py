@@ -12,8 +12,13 @@ from casswarm.compiled import parallel as kernel_threads
 from casswarm.joint.numeric import joint_program
 from casswarm.nlp import Instances, Nlp
 from casswarm.problems import JointForm, JointTask, joint_instances
-from casswarm.solvers.interior_point.derivatives import CasadiProblems, NumericDerivatives
-from casswarm.solvers.interior_point.factors import shifts_to_try
+from casswarm.solvers.interior_point.derivatives import (
+    Condensation,
+    FunctionLinearisation,
+    Functions,
+    NumericDerivatives,
+    numeric_problems,
+)
 
 STEPS = 5
 NEAR_RADARS = np.array([6.0, 2.5])
@@ -36,6 +41,11 @@ def posed(name: str, n: int, objective: str, separated: bool, seed: int) -> tupl
     return nlp, joint_instances(nlp, form, task, arrivals, guesses)
 
 
+def casadis(nlp: Nlp, batch: Instances) -> FunctionLinearisation:
+    """Derivatives at the initial guesses, by CasADi."""
+    return FunctionLinearisation(Functions.calls(nlp), batch.x0.T.copy(), batch.p.T.copy())
+
+
 @pytest.mark.parametrize("name", ["paper-1", "paper-2"])
 @pytest.mark.parametrize(
     "objective",
@@ -49,28 +59,26 @@ def test_values_and_derivatives_equal_casadis(
     name: str, objective: str, n: int, separated: bool, seed: int
 ) -> None:
     nlp, batch = posed(name, n, objective, separated, seed)
-    numeric = nlp.attached(NumericDerivatives)
-    assert numeric is not None
-    compiled, casadis = numeric.problems(batch.p), CasadiProblems(nlp, batch.p)
+    assert nlp.attached(NumericDerivatives) is not None
+    compiled = numeric_problems(nlp, batch.p)
     rows, rng = np.arange(len(batch)), np.random.default_rng(seed)
-    assume(abs(compiled.evaluate(rows, batch.x0)[0]).max() < 10)  # else 1 - F is rounding error
-    for ours, theirs in zip(
-        compiled.evaluate(rows, batch.x0), casadis.evaluate(rows, batch.x0), strict=True
-    ):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
-    one, other = compiled.linearise(rows, batch.x0), casadis.linearise(rows, batch.x0)
+    x, p = batch.x0.T.copy(), batch.p.T.copy()
+    ours, theirs = compiled.evaluate(rows, x), Functions.calls(nlp).values(x, p)
+    assume(abs(ours[0]).max() < 10)  # else 1 - F is rounding error
+    np.testing.assert_allclose(ours[0], theirs[0][0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-9, atol=1e-9)
+    one, other = compiled.linearise(rows, x), casadis(nlp, batch)
     close(one.gradient, other.gradient)
-    variables = rng.normal(size=batch.x0.shape)
-    multipliers, weights = rng.normal(size=(2, *batch.lbg.shape))
+    variables = rng.normal(size=x.shape)
+    multipliers, weights = rng.normal(size=(2, *batch.lbg.T.shape))
     close(one.times(variables), other.times(variables))
     close(one.transposed_times(multipliers), other.transposed_times(multipliers))
     # Newton's equations, made positive definite by weights of the variables
-    matrices = other.condensed(multipliers, weights)
-    largest = abs(matrices).sum(axis=2).max(axis=1, keepdims=True)
-    of_all = np.hstack([largest * rng.uniform(0.5, 2.0, variables.shape), weights])
-    shifts = shifts_to_try(np.zeros(len(batch)))
-    solutions = [at.factors(multipliers, of_all, shifts).solve(variables.T) for at in (one, other)]
-    close(*solutions)
+    plain = Condensation(multipliers, np.vstack([np.zeros_like(x), weights]))
+    largest = abs(other.condensed(plain)).sum(axis=2).max(axis=1)
+    of_all = np.vstack([largest * rng.uniform(0.5, 2.0, variables.shape), weights])
+    terms, none = Condensation(multipliers, of_all), np.zeros(len(batch))
+    close(*(at.factors(terms, none).solve(variables) for at in (one, other)))
 
 
 @given(n=st.integers(1, 3), seed=st.integers(0, 2**32 - 1))
@@ -81,10 +89,10 @@ def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
     assert numeric is not None
     rows, rng = np.arange(len(batch)), np.random.default_rng(seed)
     multipliers, none = rng.normal(size=batch.lbg.shape), np.zeros_like(batch.lbg)
-    casadis = CasadiProblems(nlp, batch.p).linearise(rows, batch.x0)
-    eigenvalues = np.linalg.eigvalsh(casadis.condensed(multipliers, none))
-    assume((abs(eigenvalues) > 1e-6).all())
     weights = np.hstack([np.zeros_like(batch.x0), none])
+    terms = Condensation(multipliers.T.copy(), weights.T.copy())
+    eigenvalues = np.linalg.eigvalsh(casadis(nlp, batch).condensed(terms))
+    assume((abs(eigenvalues) > 1e-6).all())
     for margin, positive in ((1e-3, True), (-1e-3, False)):
         of_x = -eigenvalues[:, :1] + margin * abs(eigenvalues).max(axis=1, keepdims=True)
         weights[:, : batch.x0.shape[1]] = of_x

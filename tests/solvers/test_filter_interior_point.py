@@ -14,10 +14,15 @@ from hypothesis import strategies as st
 
 from casswarm.nlp import Instances, Nlp, Status
 from casswarm.solvers import FilterInteriorPoint, Ipopt
-from casswarm.solvers.interior_point.compiled_derivatives import numeric_problems, program_tapes
-from casswarm.solvers.interior_point.derivatives import CasadiProblems, RowProblems
+from casswarm.solvers.interior_point.derivatives import (
+    FunctionProblems,
+    Functions,
+    numeric_problems,
+    program_functions,
+)
 from casswarm.solvers.interior_point.engine import minimise
 from casswarm.solvers.interior_point.iterates import Options
+from casswarm.solvers.interior_point.tape import Calls
 
 SOLVER = FilterInteriorPoint()
 BOUNDS = "p", "lbx", "ubx", "lbg", "ubg"
@@ -136,7 +141,7 @@ def test_restoration_without_tapes() -> None:
     known = published(15)
     options, rows = Options(1e-8, 1e-8, 0.1, 0.01, 500, 0.0), np.arange(1)
     tapes = numeric_problems(known.nlp, known.instance.p)
-    casadi = RowProblems(CasadiProblems(known.nlp, known.instance.p), known.nlp.sizes[2])
+    casadi = FunctionProblems(Functions.calls(known.nlp), known.instance.p)
     one, other = (minimise(each, known.instance, options, 1) for each in (tapes, casadi))
     np.testing.assert_allclose(one.x[rows], other.x[rows], rtol=1e-6)
     assert one.status == other.status == [Status.SOLVED]
@@ -154,7 +159,7 @@ def test_operations_that_are_not_scalar_are_evaluated_by_casadi() -> None:
     grid = np.linspace(-3.0, 3.0, 31)
     table = ca.interpolant("table", "bspline", [grid], (grid - 1) ** 2)
     nlp, batch = parabola(table, lbx=-2.0, ubx=2.0)
-    assert program_tapes(nlp) is None
+    assert isinstance(program_functions(nlp).values, Calls)
     (solution,) = SOLVER.solve(nlp, batch)
     assert solution.status is Status.SOLVED
     assert solution.x[0] == pytest.approx(1.0, abs=1e-6)
@@ -252,7 +257,7 @@ def test_programs_with_too_many_operations_have_no_tapes() -> None:
     weights = np.random.default_rng(0).normal(size=(size, size))
     dense = ca.sumsqr(ca.tanh(weights @ ca.tanh(weights @ x)))
     nlp = Nlp.from_expressions("dense", x, ca.SX(0, 1), dense, ca.SX(0, 1))
-    assert program_tapes(nlp) is None
+    assert isinstance(program_functions(nlp).values, Calls)
 
 
 def test_empty_batch_has_an_empty_solution() -> None:

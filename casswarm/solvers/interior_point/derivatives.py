@@ -1,23 +1,37 @@
 """What the method reads of a program: values, derivatives and condensed matrices, as arrays.
 
 The engine's arrays have instances last, (k, b), so that its loops do an operation for many of them.
-Programs that are evaluated one by one, or by NumPy, have instances first: `RowProblems` is between.
+Programs with numeric derivatives of their own have instances first: `RowProblems` is between.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
+from typing_extensions import override
 
 from ..._util.threads import locked_cache
 from ...compiled.kernels import contiguous
 from ...nlp.program import LagrangianHessian, Nlp
 from ...typing import Expr, FloatArray, IntArray
-from .factors import DenseFactors, Factors, shifts_to_try
+from .factors import DenseFactors, Factors, SparseFactors, SparseSystem, shifts_to_try
+from .tape import MAX_OPERATIONS, Calls, Tape, scalar
+
+
+class Condensation(NamedTuple):
+    """Terms of condensed matrices H + diag(w) + J' diag(v) J.
+
+    H are the Hessians of objective f + multipliers' g, for multipliers (ng, b) and an objective's
+    weight, or (b,) of them; `weights` (nx + ng, b) are w and v.
+    """
+
+    multipliers: FloatArray
+    weights: FloatArray
+    objective: FloatArray | float = 1.0
 
 
 class Linearisation(Protocol):
@@ -35,18 +49,8 @@ class Linearisation(Protocol):
     def row_sizes(self) -> FloatArray:
         """Largest absolute entries (ng, b) of the rows of J."""
 
-    def factors(
-        self,
-        multipliers: FloatArray,
-        weights: FloatArray,
-        last: FloatArray,
-        objective: FloatArray | float = 1.0,
-    ) -> Factors:
-        """Factors of Hessians of objective f + multipliers' g, plus diag(w) + J' diag(v) J.
-
-        `weights` (nx + ng, b) are w and v; `last` (b,) the shifts that were last needed;
-        `objective` is a weight of f, or (b,).
-        """
+    def factors(self, terms: Condensation, last: FloatArray) -> Factors:
+        """Factors of condensed matrices; `last` (b,) are the shifts that were last needed."""
 
 
 class Problems(Protocol):
@@ -60,10 +64,9 @@ class Problems(Protocol):
 
 
 class RowLinearisation(Protocol):
-    """Derivatives of b instances, which are first in every array."""
+    """Derivatives of b instances, which are first in every array: see `Linearisation`."""
 
     gradient: FloatArray
-    """Of f, (b, nx)."""
 
     def times(self, vectors: FloatArray) -> FloatArray:
         """J v, (b, ng), of vectors v (b, nx)."""
@@ -78,14 +81,11 @@ class RowLinearisation(Protocol):
         shifts: FloatArray,
         objective: FloatArray | float = 1.0,
     ) -> Factors:
-        """See `Linearisation`; multipliers (b, ng), weights (b, nx + ng). Solutions are (nx, b).
-
-        `shifts` (b, m) are tried in order.
-        """
+        """Factors whose solutions are (nx, b); `shifts` (b, m) are tried in order."""
 
 
 class NumericProblems(Protocol):
-    """Instances of a program, which are first in every array; `rows` (b,) selects some of them."""
+    """Instances of a program, which are first in every array: see `Problems`."""
 
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """f (b,) and g (b, ng) at x (b, nx)."""
@@ -107,145 +107,220 @@ class NumericDerivatives:
     problems: Callable[[FloatArray], NumericProblems]
 
 
-class RowProblems:
-    """`Problems` by those with instances first."""
+class RowProblems(Problems):
+    """`Problems` by those with instances first, whose g has `n_rows` entries."""
 
     def __init__(self, rows_first: NumericProblems, n_rows: int) -> None:
         self._rows_first, self._n_rows = rows_first, n_rows
 
+    @override
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Problems`."""
         f, g = self._rows_first.evaluate(rows, contiguous(x.T))
         return f, contiguous(g.T)
 
-    def linearise(self, rows: IntArray, x: FloatArray) -> TransposedLinearisation:
-        """See `Problems`."""
+    @override
+    def linearise(self, rows: IntArray, x: FloatArray) -> Linearisation:
         at = self._rows_first.linearise(rows, contiguous(x.T))
-        return TransposedLinearisation(at, self._n_rows)
+        return _TransposedLinearisation(at, self._n_rows)
 
 
-class TransposedLinearisation:
-    """`Linearisation` by one with instances first."""
-
+class _TransposedLinearisation(Linearisation):
     def __init__(self, rows_first: RowLinearisation, n_rows: int) -> None:
         self._rows_first, self._n_rows = rows_first, n_rows
         self.gradient = contiguous(rows_first.gradient.T)
 
+    @override
     def times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
         return contiguous(self._rows_first.times(contiguous(vectors.T)).T)
 
+    @override
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
         return contiguous(self._rows_first.transposed_times(contiguous(vectors.T)).T)
 
+    @override
     def row_sizes(self) -> FloatArray:
-        """See `Linearisation`."""
         sizes = np.empty((self._n_rows, self.gradient.shape[1]))
         for row, units in zip(sizes, np.eye(self._n_rows), strict=True):
             vectors = np.tile(units, (sizes.shape[1], 1))
             row[:] = abs(self._rows_first.transposed_times(vectors)).max(axis=1, initial=0.0)
         return sizes
 
-    def factors(
-        self,
-        multipliers: FloatArray,
-        weights: FloatArray,
-        last: FloatArray,
-        objective: FloatArray | float = 1.0,
-    ) -> Factors:
-        """See `Linearisation`."""
-        rows = contiguous(multipliers.T), contiguous(weights.T)
-        return self._rows_first.factors(*rows, shifts_to_try(last), objective)
+    @override
+    def factors(self, terms: Condensation, last: FloatArray) -> Factors:
+        rows = contiguous(terms.multipliers.T), contiguous(terms.weights.T)
+        return self._rows_first.factors(*rows, shifts_to_try(last), terms.objective)
 
 
-class CasadiProblems:
-    """Instances of any program, by CasADi's functions.
+@dataclass(frozen=True, eq=False)
+class Functions:
+    """A program's functions of stacked arguments, for which instances are last.
 
     Parameters
     ----------
-    nlp : Nlp
-    p : (B, np)
+    values : Tape or Calls
+        (x, p) to f and g.
+    first : Tape or Calls
+        (x, p) to the gradient of f and the entries of J.
+    hessian : Tape or Calls
+        (x, p, weights of f and g) to the entries of the Lagrangian's Hessian, its upper triangle.
+    system : SparseSystem, optional
+        Of the condensed matrices; None if dense ones are better.
     """
 
-    def __init__(self, nlp: Nlp, p: FloatArray) -> None:
-        self.nlp, self.p = nlp, p
+    values: Tape | Calls
+    first: Tape | Calls
+    hessian: Tape | Calls
+    system: SparseSystem | None
 
-    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `NumericProblems`."""
-        f, g = self.call(self.nlp.evaluate, rows, x)
-        return f[:, 0, 0], g[..., 0]
+    @classmethod
+    def of(cls, nlp: Nlp) -> Functions:
+        """Tapes, or CasADi's functions where operations are not scalar, or too many."""
+        try:
+            return cls._tapes(nlp)
+        except NotImplementedError:
+            return cls.calls(nlp)
 
-    def linearise(self, rows: IntArray, x: FloatArray) -> CasadiLinearisation:
-        """See `NumericProblems`."""
-        return CasadiLinearisation(self, rows, x)
+    @classmethod
+    def _tapes(cls, nlp: Nlp) -> Functions:
+        x, p, lam_f, lam_g = (ca.SX.sym("v", size) for size in (*nlp.sizes[:2], 1, nlp.sizes[2]))
+        f, g = scalar(nlp.evaluate)(x, p)
+        lagrangian, weights = lam_f * f + ca.dot(lam_g, g), ca.vertcat(lam_f, lam_g)
+        _require_small([x, p, lam_f, lam_g], ca.gradient(lagrangian, x))
+        own = nlp.attached(LagrangianHessian)
+        if own is None:
+            upper = ca.triu(ca.hessian(lagrangian, x)[0])
+        else:
+            upper = scalar(own.function)(x, p, lam_f, lam_g)
+        values = Tape.of([x, p], [ca.densify(f), ca.densify(g)])
+        first = Tape.of([x, p], [ca.densify(ca.gradient(f, x)), ca.jacobian(g, x)])
+        hessian = Tape.of([x, p, weights], [upper])
+        system = SparseSystem.of(nlp.sizes[0], hessian.patterns[0], first.patterns[1])
+        return cls(values, first, hessian, system)
 
-    def call(
-        self, function: Expr, rows: IntArray, x: FloatArray, *more: FloatArray
-    ) -> list[FloatArray]:
-        """Outputs (b, r, c) of a function of x, p and more arguments of every instance."""
-        results = [
-            function.call([point, self.p[row], *arguments])
-            for row, point, *arguments in zip(rows, x, *more, strict=True)
-        ]
-        shapes = [(len(rows), *function.size_out(k)) for k in range(function.n_out())]
-        return [
-            np.array([result[k].full() for result in results]).reshape(shape)
-            for k, shape in enumerate(shapes)
-        ]
+    @classmethod
+    def calls(cls, nlp: Nlp) -> Functions:
+        """CasADi's functions."""
+        x, p, lam_g = (ca.MX.sym("v", size) for size in nlp.sizes)
+        weights = ca.MX.sym("weights", 1 + nlp.sizes[2])
+        values = [ca.densify(each) for each in nlp.evaluate(x, p)]
+        first = [ca.densify(nlp.gradient(x, p)[1]), nlp.jacobian(x, p)]
+        own, lam_f = nlp.attached(LagrangianHessian), ca.MX.sym("lam_f")
+        if own is None:
+            lagrangian = lam_f * nlp.objective + ca.dot(lam_g, nlp.g)
+            upper = ca.triu(ca.hessian(lagrangian, nlp.x)[0])
+            second = ca.Function("hessian", [nlp.x, nlp.p, lam_f, lam_g], [upper])
+            second = second.expand() if nlp.unroll else second
+        else:
+            second = own.function
+        hessian = second(x, p, weights[0], weights[1:])
+        return cls(
+            Calls.of([x, p], values),
+            Calls.of([x, p], first),
+            Calls.of([x, p, weights], [hessian]),
+            None,
+        )
 
 
-class CasadiLinearisation:
-    """See `RowLinearisation`; condensed matrices are dense."""
+def _require_small(arguments: list[Expr], gradient: Expr) -> None:
+    """Raise NotImplementedError if the Jacobian of a gradient would have too many operations.
 
-    def __init__(self, problems: CasadiProblems, rows: IntArray, x: FloatArray) -> None:
-        self._problems, self._rows, self._x = problems, rows, x
-        nlp = problems.nlp
-        self.gradient = problems.call(nlp.gradient, rows, x)[1][..., 0]
-        self._jacobian = problems.call(nlp.jacobian, rows, x)[0]
-
-    def times(self, vectors: FloatArray) -> FloatArray:
-        """See `RowLinearisation`."""
-        return np.asarray(np.einsum("bmn,bn->bm", self._jacobian, vectors))
-
-    def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        """See `RowLinearisation`."""
-        return np.asarray(np.einsum("bmn,bm->bn", self._jacobian, vectors))
-
-    def factors(
-        self,
-        multipliers: FloatArray,
-        weights: FloatArray,
-        shifts: FloatArray,
-        objective: FloatArray | float = 1.0,
-    ) -> Factors:
-        """See `RowLinearisation`."""
-        diagonal = np.arange(self.gradient.shape[1])
-        of_x, of_g = weights[:, : diagonal.size], weights[:, diagonal.size :]
-        matrices = self.condensed(multipliers, of_g, objective)
-        matrices[:, diagonal, diagonal] += of_x
-        return DenseFactors(matrices, shifts)
-
-    def condensed(
-        self, multipliers: FloatArray, weights: FloatArray, objective: FloatArray | float = 1.0
-    ) -> FloatArray:
-        """Hessians of objective f + multipliers' g, plus J' diag(weights) J: (b, nx, nx)."""
-        hessian = lagrangian_hessian(self._problems.nlp)
-        of_f = np.broadcast_to(objective, len(multipliers))
-        upper = self._problems.call(hessian, self._rows, self._x, of_f, multipliers)[0]
-        transposed = np.swapaxes(self._jacobian, 1, 2)
-        full = upper + np.swapaxes(np.triu(upper, 1), 1, 2)
-        return np.asarray(full + (transposed * weights[:, None]) @ self._jacobian)
+    It takes the gradient's operations for every group of columns without a common row.
+    """
+    groups = ca.jacobian_sparsity(gradient, arguments[0]).uni_coloring().size2()
+    number = ca.Function("gradient", arguments, [gradient]).n_instructions() * groups
+    if number > MAX_OPERATIONS:
+        raise NotImplementedError(f"a Hessian of about {number} operations")
 
 
 @locked_cache(maxsize=64)
-def lagrangian_hessian(nlp: Nlp) -> Expr:
-    """CasADi Function (x, p, lam_f, lam_g) to the Lagrangian's Hessian, its upper triangle."""
-    own = nlp.attached(LagrangianHessian)
-    if own is not None:
-        return own.function
-    weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
-    lagrangian = weight * nlp.objective + ca.dot(multipliers, nlp.g)
-    upper = ca.triu(ca.hessian(lagrangian, nlp.x)[0])
-    function = ca.Function("hessian", [nlp.x, nlp.p, weight, multipliers], [upper])
-    return function.expand() if nlp.unroll else function
+def program_functions(nlp: Nlp) -> Functions:
+    """Functions of a program."""
+    return Functions.of(nlp)
+
+
+def numeric_problems(nlp: Nlp, p: FloatArray) -> Problems:
+    """Instances of a program: by its own compiled code, or by its functions."""
+    numeric = nlp.attached(NumericDerivatives)
+    if numeric is not None:
+        return RowProblems(numeric.problems(p), nlp.sizes[2])
+    return FunctionProblems(program_functions(nlp), p)
+
+
+class FunctionProblems(Problems):
+    """Instances of a program by its functions, for parameters p (B, np)."""
+
+    def __init__(self, functions: Functions, p: FloatArray) -> None:
+        self.functions, self.p = functions, contiguous(p.T)
+
+    @override
+    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        f, g = self.functions.values(x, self.p.take(rows, 1))
+        return f[0], g
+
+    @override
+    def linearise(self, rows: IntArray, x: FloatArray) -> FunctionLinearisation:
+        return FunctionLinearisation(self.functions, x, self.p.take(rows, 1))
+
+
+class FunctionLinearisation(Linearisation):
+    """Derivatives by the entries of J and of Hessians."""
+
+    def __init__(self, functions: Functions, x: FloatArray, p: FloatArray) -> None:
+        self._functions, self._at = functions, (x, p)
+        self.gradient, self._entries = functions.first(x, p)
+
+    @override
+    def times(self, vectors: FloatArray) -> FloatArray:
+        rows, columns = self._functions.first.patterns[1]
+        return self._product(rows, columns, vectors, self._n_rows)
+
+    @override
+    def transposed_times(self, vectors: FloatArray) -> FloatArray:
+        rows, columns = self._functions.first.patterns[1]
+        return self._product(columns, rows, vectors, len(self.gradient))
+
+    def _product(
+        self, rows: IntArray, columns: IntArray, vectors: FloatArray, size: int
+    ) -> FloatArray:
+        from .system_kernels import times
+
+        out = np.empty((size, vectors.shape[1]))
+        times(self._entries, rows, columns, vectors, out)
+        return out
+
+    @property
+    def _n_rows(self) -> int:
+        return int(self._functions.values.patterns[1].shape[1])
+
+    @override
+    def row_sizes(self) -> FloatArray:
+        sizes = np.zeros((self._n_rows, self.gradient.shape[1]))
+        np.maximum.at(sizes, self._functions.first.patterns[1][0], abs(self._entries))
+        return sizes
+
+    @override
+    def factors(self, terms: Condensation, last: FloatArray) -> Factors:
+        system, size = self._functions.system, len(self.gradient)
+        if system is None:
+            return DenseFactors(self.condensed(terms), shifts_to_try(last))
+        of_x, of_g = terms.weights[:size], terms.weights[size:]
+        return SparseFactors(system, (self._hessian(terms), self._entries, of_g, of_x), last)
+
+    def condensed(self, terms: Condensation) -> FloatArray:
+        """Condensed matrices, (b, nx, nx)."""
+        size, batch = self.gradient.shape
+        matrices, diagonal = np.zeros((batch, size, size)), np.arange(size)
+        rows, columns = self._functions.hessian.patterns[0]
+        matrices[:, rows, columns] = matrices[:, columns, rows] = self._hessian(terms).T
+        matrices[:, diagonal, diagonal] += terms.weights[:size].T
+        jacobian = np.zeros((batch, self._n_rows, size))
+        jacobian[:, *self._functions.first.patterns[1]] = self._entries.T
+        weighted = jacobian * terms.weights[size:].T[..., None]
+        return np.asarray(matrices + weighted.swapaxes(1, 2) @ jacobian)
+
+    def _hessian(self, terms: Condensation) -> FloatArray:
+        multipliers, hessian = terms.multipliers, self._functions.hessian
+        if not np.any(terms.objective) and not multipliers.any():
+            return np.zeros((hessian.patterns[0].shape[1], multipliers.shape[1]))
+        of_f = np.full((1, multipliers.shape[1]), terms.objective)
+        return hessian(*self._at, np.vstack([of_f, multipliers]))[0]

@@ -44,13 +44,11 @@ def minimise(problems: Problems, instances: Instances, options: Options, width: 
     stuck, waiting = iterates[_NONE], waiting[width:]
     while iterates.rows.size or stuck.rows.size:
         if stuck.rows.size >= LANES or not iterates.rows.size:
-            iterates, stuck = (
-                iterates.joined(_restored(problems, stuck, results, options)),
-                stuck[_NONE],
-            )
+            iterates = iterates.joined(_restored(problems, stuck, results, options))
+            stuck = stuck[_NONE]
             continue
         iterates, more = _iterate(problems, iterates, results, options)
-        stuck = stuck.joined(more)
+        stuck = stuck.joined(more) if more.rows.size else stuck
         free = width - iterates.rows.size - stuck.rows.size
         if waiting.size and free >= (1 - _REFILL) * width:
             new = _started(problems, instances, waiting[:free], options)
@@ -85,7 +83,9 @@ def _iterate(
         stuck = ~(ended | moved)
         if stuck.any():
             stuck &= ~iterates.widen(stuck)
-        failed = stuck & ~(options.restoration & (iterates.violation > options.violation))
+        failed = stuck & ~(
+            options.restoration & (iterates.violation > options.constraint_tolerance)
+        )
         results.end(rows[failed], Status.FAILED, "the line search found no better point")
         ended, stuck = ended | failed, stuck & ~failed
     if not (ended | stuck).any():

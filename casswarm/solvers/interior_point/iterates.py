@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
+from typing_extensions import override
 
 from ...nlp.program import Instances
 from ...nlp.solution import Status
@@ -43,8 +44,26 @@ def wrong_bounds(instances: Instances) -> dict[int, str]:
     return wrong
 
 
+class Lanes:
+    """Records of arrays, or of such records, whose last axis are instances."""
+
+    def take(self, places: IntArray, axis: int = -1) -> Self:
+        """The records of some instances, like `numpy.ndarray.take`."""
+        return type(self)(*(part.take(places, axis) for part in vars(self).values()))
+
+    def joined(self, other: Self) -> Self:
+        """These records, then those of another batch."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return type(self)(
+            *(
+                one.joined(two) if isinstance(one, Lanes) else np.concatenate([one, two], -1)
+                for one, two in pairs
+            )
+        )
+
+
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class Bounds(Lanes):
     """Bounds of b vectors y = (x, s), with k entries each.
 
     Parameters
@@ -70,18 +89,9 @@ class Bounds:
         fixed = are_equal(lower, upper)
         return cls(np.where(fixed, -np.inf, lower), np.where(fixed, np.inf, upper), fixed)
 
-    def take(self, places: IntArray, axis: int = -1) -> Bounds:
-        """Bounds of some vectors, like `numpy.ndarray.take`."""
-        return Bounds(*(getattr(self, part.name).take(places, axis) for part in fields(self)))
-
     def part(self, entries: slice) -> Bounds:
         """Bounds of some of the entries of all vectors."""
         return Bounds(self.lower[entries], self.upper[entries], self.fixed[entries])
-
-    def joined(self, other: Bounds) -> Bounds:
-        """These bounds, then those of another batch."""
-        pairs = ((getattr(self, part.name), getattr(other, part.name)) for part in fields(self))
-        return Bounds(*map(np.hstack, pairs))
 
     def inside(self, y: FloatArray, push: float) -> FloatArray:
         """Points moved inside, by `push` relative to a bound, or to the width where it is less."""
@@ -118,7 +128,7 @@ _ROOM = 8  # entries of a new filter
 
 
 @dataclass(eq=False)
-class Filter:
+class Filter(Lanes):
     """Pairs of constraint violation and barrier function that no later step may reach, b times.
 
     Parameters
@@ -141,18 +151,11 @@ class Filter:
         scale = np.maximum(1.0, violation)
         return cls(np.zeros((2, _ROOM, size)), np.zeros(size, np.int64), scale)
 
-    def take(self, places: IntArray, axis: int = -1) -> Filter:
-        """Some of the filters, like `numpy.ndarray.take`."""
-        return Filter(*(getattr(self, part.name).take(places, axis) for part in fields(self)))
-
+    @override
     def joined(self, other: Filter) -> Filter:
-        """These filters, then those of another batch."""
         size = max(self.entries.shape[1], other.entries.shape[1])
-        return Filter(
-            np.concatenate([self._wide(size), other._wide(size)], axis=-1),
-            np.concatenate([self.numbers, other.numbers]),
-            np.concatenate([self.scale, other.scale]),
-        )
+        self.entries, other.entries = self._wide(size), other._wide(size)
+        return super().joined(other)
 
     def make_room(self) -> None:
         """Have a place for one more entry in every filter."""
@@ -192,8 +195,8 @@ class Options:
     ----------
     tolerance : float
         Of the optimality conditions, relative to large multipliers.
-    violation : float
-        Of the constraints, absolute.
+    constraint_tolerance : float
+        Largest violation of the constraints, absolute.
     mu_init, bound_push : float
         Initial barrier parameter, and relative distance by which x0 is moved inside its bounds.
     max_iter : int
@@ -204,7 +207,7 @@ class Options:
     """
 
     tolerance: float
-    violation: float
+    constraint_tolerance: float
     mu_init: float
     bound_push: float
     max_iter: int
@@ -213,7 +216,7 @@ class Options:
 
 
 @dataclass(eq=False)
-class Iterates:
+class Iterates(Lanes):
     """The b instances that have not ended: `rows` of the batch.
 
     y (k, b) are x and slacks, lam (ng, b), z (2, k, b) the multipliers of lower and upper bounds,
@@ -234,22 +237,12 @@ class Iterates:
     filter: Filter
 
     def __getitem__(self, keep: BoolArray | IntArray) -> Iterates:
-        places = np.flatnonzero(keep) if keep.dtype == bool else keep
-        return Iterates(*(getattr(self, field.name).take(places, -1) for field in fields(self)))
+        return self.take(np.arange(self.rows.size)[keep])
 
     @property
     def size(self) -> int:
         """Number of variables x."""
         return len(self.y) - len(self.g)
-
-    def joined(self, other: Iterates) -> Iterates:
-        """These iterates, then those of another batch."""
-        parts: dict[str, Any] = {}
-        for name in (field.name for field in fields(self)):
-            one, two = getattr(self, name), getattr(other, name)
-            together = isinstance(one, Bounds | Filter)
-            parts[name] = one.joined(two) if together else np.concatenate([one, two], -1)
-        return Iterates(**parts)
 
     @classmethod
     def start(
@@ -386,7 +379,7 @@ class Results:
     def conclude(self, iterates: Iterates, residuals: Residuals, options: Options) -> BoolArray:
         """Note which iterates are solutions, or not finite; return which (b,)."""
         error, violation = residuals.error(0.0), residuals.violation
-        solved = (error <= options.tolerance) & (violation <= options.violation)
+        solved = (error <= options.tolerance) & (violation <= options.constraint_tolerance)
         self.end(iterates.rows[solved], Status.SOLVED, "solved")
         broken = ~np.isfinite(error)
         self.end(iterates.rows[broken], Status.FAILED, "a function or derivative is not finite")

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...typing import BoolArray, FloatArray, IntArray
-from .derivatives import Problems
+from .derivatives import Condensation, Problems
 from .iterate_kernels import FIXED
 from .iterates import Iterates
 
@@ -109,7 +109,7 @@ def _direction(problems: Problems, now: Iterates, nu: FloatArray) -> tuple[Float
     near = np.sqrt(nu) / np.maximum(1.0, x**2)  # keeps steps short, as in Ipopt's restoration
     of_x = np.where(box.fixed, FIXED, nu * (below**2 + above**2) + near)
     weights = np.vstack([of_x, r != 0.0])
-    factors = at.factors(np.zeros_like(r), weights, np.zeros(nu.size), 0.0)
+    factors = at.factors(Condensation(np.zeros_like(r), weights, 0.0), np.zeros(nu.size))
     step = np.where(box.fixed, 0.0, factors.solve(-ascent))
     return step, products(ascent, step)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from typing_extensions import override
 
 from ...nlp.program import Instances
 from ...typing import FloatArray, IntArray
-from .derivatives import Linearisation, Problems
+from .derivatives import Condensation, Linearisation, Problems
 from .factors import Factors
 from .iterates import INFINITE, Results
 
@@ -82,6 +83,9 @@ class Scaling:
         results.lam_g *= self.rows.T / objective
 
 
+_FACTORS = fields(Scaling)
+
+
 def _bounds(values: FloatArray) -> FloatArray:
     return np.where(abs(values) >= INFINITE, np.copysign(np.inf, values), values)
 
@@ -98,57 +102,46 @@ def _larger(sizes: FloatArray) -> FloatArray:
     return np.where(sizes > _NOTHING, factors, 1.0)
 
 
-class ScaledProblems:
-    """Instances of a program in other units; see `Problems`."""
+class ScaledProblems(Problems):
+    """Instances of a program in other units."""
 
     def __init__(self, problems: Problems, scaling: Scaling) -> None:
         self._problems, self._scaling = problems, scaling
 
+    @override
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Problems`."""
         scaling = self._scaling
         f, g = self._problems.evaluate(rows, scaling.length.take(rows) * x)
         return scaling.objective.take(rows) * f, scaling.rows.take(rows, 1) * g
 
-    def linearise(self, rows: IntArray, x: FloatArray) -> ScaledLinearisation:
-        """See `Problems`."""
-        scaling = self._scaling
-        factors = (
-            part.take(rows, -1) for part in (scaling.length, scaling.objective, scaling.rows)
-        )
-        some = Scaling(*factors)
-        return ScaledLinearisation(self._problems.linearise(rows, some.length * x), some)
+    @override
+    def linearise(self, rows: IntArray, x: FloatArray) -> Linearisation:
+        some = Scaling(*(getattr(self._scaling, part.name).take(rows, -1) for part in _FACTORS))
+        return _ScaledLinearisation(self._problems.linearise(rows, some.length * x), some)
 
 
-class ScaledLinearisation:
-    """See `Linearisation`."""
-
+class _ScaledLinearisation(Linearisation):
     def __init__(self, at: Linearisation, scaling: Scaling) -> None:
         self._at, self._scaling = at, scaling
         self.gradient = scaling.objective * scaling.length * at.gradient
 
+    @override
     def row_sizes(self) -> FloatArray:
-        """See `Linearisation`."""
         return self._scaling.rows * self._scaling.length * self._at.row_sizes()
 
+    @override
     def times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
         return self._scaling.rows * self._at.times(self._scaling.length * vectors)
 
+    @override
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        """See `Linearisation`."""
         return self._scaling.length * self._at.transposed_times(self._scaling.rows * vectors)
 
-    def factors(
-        self,
-        multipliers: FloatArray,
-        weights: FloatArray,
-        last: FloatArray,
-        objective: FloatArray | float = 1.0,
-    ) -> Factors:
-        """See `Linearisation`."""
-        scaling, size = self._scaling, len(self.gradient)
+    @override
+    def factors(self, terms: Condensation, last: FloatArray) -> Factors:
+        scaling, size, weights = self._scaling, len(self.gradient), terms.weights
         squared = scaling.length**2
         inner = np.vstack([weights[:size], squared * scaling.rows**2 * weights[size:]])
-        of_g = squared * scaling.rows * multipliers
-        return self._at.factors(of_g, inner, last, objective * scaling.objective * squared)
+        of_g = squared * scaling.rows * terms.multipliers
+        of_f = terms.objective * scaling.objective * squared
+        return self._at.factors(Condensation(of_g, inner, of_f), last)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from ..._util.interrupts import interruptible
 from ..._util.threads import one_blas_thread
@@ -27,8 +28,7 @@ from ..base import (
     Solver,
     backend_error,
 )
-from .compiled_derivatives import numeric_problems, program_tapes
-from .derivatives import NumericDerivatives, Problems
+from .derivatives import NumericDerivatives, Problems, numeric_problems, program_functions
 from .engine import minimise
 from .iterate_kernels import LANES
 from .iterates import Options, Results
@@ -169,13 +169,13 @@ class FilterInteriorPoint(Solver):
     summary: ClassVar[str] = "interior point over batches, exact derivatives; any problem"
     capabilities: ClassVar[Capabilities] = Capabilities(batch=True, multipliers=True)
 
+    @override
     def prepare(self, nlp: Nlp) -> None:
-        """See `Solver.prepare`."""
         if nlp.attached(NumericDerivatives) is None:
-            program_tapes(nlp)
+            program_functions(nlp)
 
+    @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
-        """See `Solver.run`."""
         started = time.perf_counter()
         results, scaling = self._results(nlp, instances)
         each = (time.perf_counter() - started) / max(1, len(instances))
@@ -217,15 +217,7 @@ class FilterInteriorPoint(Solver):
 
     def _results(self, nlp: Nlp, instances: Instances) -> tuple[Results, Scaling]:
         """Results of all instances, in their units, and the scaling that was used."""
-        options = Options(
-            self.tolerance,
-            self.constraint_tolerance,
-            self.mu_init,
-            self.bound_push,
-            self.max_iter,
-            self.constr_mult_init_max,
-            self.restoration,
-        )
+        options = Options(**{name: getattr(self, name) for name in Options.__dataclass_fields__})
         problems, width = numeric_problems(nlp, instances.p), _width(nlp)
         with one_blas_thread(), np.errstate(all="ignore"):  # numbers that are not finite are judged
             scaling = Scaling.none(instances)
@@ -246,8 +238,7 @@ def _width(nlp: Nlp) -> int:
     variables, _, rows = nlp.sizes
     if nlp.attached(NumericDerivatives) is not None:
         return max(1, min(_WIDEST, _NUMERIC // (variables + rows + 1)))
-    tapes = program_tapes(nlp)
-    if tapes is None or tapes.system is None:
+    if program_functions(nlp).system is None:
         return max(1, min(_WIDEST, _DENSE // max(1, variables) ** 2))
     lanes = _ENTRIES // (variables + rows + 1) // LANES
     return int(np.clip(lanes * LANES, LANES, _WIDEST))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...typing import BoolArray, FloatArray, IntArray
-from .derivatives import Linearisation, Problems
+from .derivatives import Condensation, Linearisation, Problems
 from .factors import Factors
 from .iterate_kernels import EQUALITY, FIXED
 from .iterates import Iterates, Residuals
@@ -48,7 +48,7 @@ class CondensedSystems:
         `last` are the shifts of the previous iteration that needed one; `objective` is the weight
         of f in the Hessian.
         """
-        self._factors = self.at.factors(multipliers, self.weights, last, objective)
+        self._factors = self.at.factors(Condensation(multipliers, self.weights, objective), last)
         return self._factors.shifts
 
     def direction(self, primal: FloatArray) -> tuple[FloatArray, FloatArray]:

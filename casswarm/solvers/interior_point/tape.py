@@ -141,11 +141,7 @@ class Tape:
             else:
                 row = results[0], places[0], places[-1]
             operations[k] = NUMBERS[code], *row
-        patterns = tuple(
-            np.array(function.sparsity_out(k).get_triplet(), np.int64)
-            for k in range(function.n_out())
-        )
-        return cls(operations, constants, _separate_results(operations), patterns)
+        return cls(operations, constants, _separate_results(operations), _patterns(function))
 
     def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
         """Entries of the outputs, each (k, b), at arguments of shapes (size, b)."""
@@ -155,6 +151,36 @@ class Tape:
         inputs = tuple(map(np.ascontiguousarray, arguments)) + missing  # one type is compiled
         evaluation()(self.operations, self.constants, inputs, places, results)
         return np.split(results, ends[:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Calls:
+    """A CasADi function of stacked arguments that is called for every instance, like a `Tape`."""
+
+    function: Expr
+    patterns: tuple[IntArray, ...]
+
+    @classmethod
+    def of(cls, arguments: list[Expr], outputs: list[Expr]) -> Calls:
+        """Function of dense symbols."""
+        function = ca.Function("calls", arguments, outputs)
+        return cls(function, _patterns(function))
+
+    def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
+        """Entries of the outputs, each (k, b), at arguments of shapes (size, b)."""
+        columns = zip(*(argument.T for argument in arguments), strict=True)
+        results = [self.function.call(list(each)) for each in columns]
+        entries = [[result[k].nonzeros() for result in results] for k in range(len(self.patterns))]
+        return [
+            np.ascontiguousarray(np.reshape(each, (len(results), pattern.shape[1])).T, float)
+            for each, pattern in zip(entries, self.patterns, strict=True)
+        ]
+
+
+def _patterns(function: Expr) -> tuple[IntArray, ...]:
+    """Rows and columns (2, k) of the entries of every output."""
+    outputs = map(function.sparsity_out, range(function.n_out()))
+    return tuple(np.array(output.get_triplet(), np.int64) for output in outputs)
 
 
 def _separate_results(operations: IntArray) -> int:
