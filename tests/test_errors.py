@@ -50,232 +50,198 @@ def parametric(function: Any, parameters: Any) -> csw.ParametricPolicy:
     return csw.ParametricPolicy(function, parameters, SCENARIO)
 
 
-REFUSALS: dict[str, tuple[Callable[[], object], type[errors.CasswarmError], dict[str, Any]]] = {
-    "unknown scenario": (
-        lambda: csw.load_scenario("paper-9"),
-        errors.ScenarioError,
-        {"value": "paper-9", "file": Path("paper-9")},
-    ),
-    "scenario key": (
-        lambda: SCENARIO.with_values({"formation.rho": -1}),
-        errors.ScenarioError,
-        {"key": "formation.rho", "value": -1},
-    ),
-    "sweep without values": (
-        lambda: csw.sweep(SCENARIO, {"formation.rho": []}),
-        errors.ScenarioError,
-        {"key": "formation.rho", "value": []},
-    ),
-    "sweep of a wrong value": (
-        lambda: csw.sweep(SCENARIO, {"formation.rho": [1j]}),
-        errors.ScenarioError,
-        {"key": "formation.rho", "value": [1j]},
-    ),
-    "sweep of an unknown key": (
-        lambda: csw.sweep(SCENARIO, {"formation.roh": [1.0]}),
-        errors.ScenarioError,
-        {"key": "formation.roh"},
-    ),
-    "shape of radars": (
-        lambda: saturation(radars=((0.0, 0.0, 0.0),)),
-        errors.HazardError,
-        {"key": "radars", "shape": (1, 3)},
-    ),
-    "texts as radars": (
-        lambda: saturation(radars="here"),
-        errors.HazardError,
-        {"key": "radars", "value": "'here'"},
-    ),
-    "infinite radars": (
-        lambda: saturation(radars=((np.inf, 0.0),)),
-        errors.HazardError,
-        {"key": "radars", "value": ((np.inf, 0.0),)},
-    ),
-    "no radars": (lambda: saturation(radars=()), errors.HazardError, {"key": "radars"}),
-    "a wrong parameter of rates": (
-        lambda: saturation(alpha_2=-1.0),
-        errors.HazardError,
-        {"key": "alpha_2", "value": -1.0},
-    ),
-    "a strength too many": (
-        lambda: saturation(strengths=(1.0, 2.0)),
-        errors.HazardError,
-        {"key": "strengths", "value": (1.0, 2.0), "expected": 1},
-    ),
-    "a negative strength": (
-        lambda: saturation(strengths=(-1.0,)),
-        errors.HazardError,
-        {"key": "strengths", "value": (-1.0,)},
-    ),
-    "shape of positions": (
-        lambda: saturation().rates([1.0, 2.0]),
-        errors.HazardError,
-        {"key": "positions", "shape": (2,)},
-    ),
-    "shape of alive": (
-        lambda: saturation().rates([[1.0, 2.0]], [True, False]),
-        errors.HazardError,
-        {"key": "alive", "shape": (2,), "expected": (1,)},
-    ),
-    "positions that are not finite": (
-        lambda: saturation().rates([[np.nan, 2.0]]),
-        errors.HazardError,
-        {"key": "positions"},
-    ),
-    "shape of points": (
-        lambda: saturation().single_agent_rates([1.0, 2.0, 3.0]),
-        errors.HazardError,
-        {"key": "points", "shape": (3,)},
-    ),
-    "negative rates": (
-        lambda: csw.CustomHazard(negative).rates([[2.0, 1.0]]),
-        errors.HazardError,
-        {"hazard": "hazard 'negative'", "state": 0, "member": 0, "rate": -5.0}
-        | {"position": (2.0, 1.0)},
-    ),
-    "one rate for two members": (
-        lambda: csw.CustomHazard(one_rate),
-        errors.HazardError,
-        {"hazard": "hazard 'one_rate'", "members": 2, "shape": (1, 1), "expected": (2, 1)},
-    ),
-    "rates that are no function": (
-        lambda: csw.CustomHazard(3),  # type: ignore[arg-type]
-        errors.HazardError,
-        {"function": "3"},
-    ),
-    "unknown arguments of rates": (
-        lambda: csw.CustomHazard(negative, parameters={"alpha_1": 1.0}),
-        errors.HazardError,
-        {"value": ["alpha_1"], "expected": ["positions", "_alive"]},
-    ),
-    "a bound above the rate": (
-        lambda: csw.CustomHazard(
-            lambda x, _alive: x[:, 0] ** 2, lower_bound=bounded
-        ).single_agent_lower_bound(np.zeros((1, 2)), np.ones((1, 2))),
-        errors.HazardError,
-        {"bound": 1e9, "rate": 0.0, "position": (0.0, 0.0)},
-    ),
-    "unknown policy": (
-        lambda: csw.make_policy("lider", SCENARIO),
-        errors.PolicyError,
-        {"policy": "lider"},
-    ),
-    "name as a scenario": (
-        lambda: csw.as_policy(lambda *_: None, "mine"),  # type: ignore[arg-type]
-        errors.PolicyError,
-        {"key": "scenario", "value": "mine"},
-    ),
-    "class of a policy": (
-        lambda: csw.as_policy(csw.ParametricPolicy),
-        errors.PolicyError,
-        {"policy": "ParametricPolicy"},
-    ),
-    "shape of parameters": (
-        lambda: parametric(lambda *_: None, [[1.0]]),
-        errors.PolicyError,
-        {"key": "parameters", "shape": (1, 1)},
-    ),
-    "parameters of no number": (
-        lambda: parametric(lambda *_: None, "many"),
-        errors.PolicyError,
-        {"key": "parameters", "value": "'many'"},
-    ),
-    "several policies at a time": (
-        lambda: csw.evaluate(SCENARIO, ["leader", "naive"]),  # type: ignore[arg-type]
-        errors.PolicyError,
-        {"policies": ["leader", "naive"]},
-    ),
-    "tolerance 0 for a large swarm": (
-        lambda: csw.evaluate(csw.load_scenario("large-swarm"), "leader", tolerance=0.0),
-        errors.PolicyError,
-        {"scenario": "large-swarm", "members": csw.load_scenario("large-swarm").n},
-    ),
-    "gradient of a named policy": (
-        lambda: csw.success_gradient(SCENARIO, "leader"),  # type: ignore[arg-type]
-        errors.PolicyError,
-        {"policy": "str"},
-    ),
-    "search of a guide": (
-        lambda: csw.plan(SCENARIO, search="everywhere"),  # type: ignore[arg-type]
-        errors.SolverError,
-        {"search": "everywhere"},
-    ),
-    "guide within no time": (
-        lambda: csw.plan(SCENARIO, time_limit=1e-9),
-        errors.PlanningError,
-        {"time_limit": 1e-9},
-    ),
-    "discount": (
-        lambda: SwarmVectorEnv(SCENARIO, 2, discount=0.0),
-        errors.EnvError,
-        {"key": "discount", "value": 0.0},
-    ),
-    "number of environments": (
-        lambda: SwarmVectorEnv(SCENARIO, 0),
-        errors.EnvError,
-        {"key": "num_envs", "value": 0},
-    ),
-    "unknown family": (
-        lambda: make_problems("quikc"),
-        errors.ComparisonError,
-        {"family": "quikc"},
-    ),
-    "no problem of a family": (
-        lambda: make_problems("quick", 0),
-        errors.ComparisonError,
-        {"key": "count", "value": 0},
-    ),
-    "formations of one member": (
-        lambda: csw.formation_problems(csw.load_scenario("single-agent")),
-        errors.ComparisonError,
-        {"scenario": "single-agent"},
-    ),
-    "formations of planned paths": (
-        lambda: csw.formation_problems(SCENARIO, ["joint"]),
-        errors.ComparisonError,
-        {"policy": "joint"},
-    ),
-    "start that is no number": (
-        lambda: csw.Problem.from_casadi(BOWL, "bowl", x0=[1, np.nan]),
-        errors.ProblemError,
-        {"problem": "bowl", "start": "given", "key": "x0"},
-    ),
-    "bounds that cross": (
-        lambda: csw.Problem.from_casadi(BOWL, "bowl", lbx=2, ubx=1),
-        errors.ProblemError,
-        {"problem": "bowl", "value": (2.0, 1.0)},
-    ),
-    "start of another size": (
-        lambda: csw.Problem.from_casadi(BOWL, "bowl", x0=[1, 2, 3]),
-        errors.ProblemError,
-        {"problem": "bowl", "key": "x0", "value": 3, "expected": 2},
-    ),
-    "options of a solver that is made": (
-        lambda: csw.make_solver(csw.solvers.Ipopt(), max_iter=3),
-        errors.SolverError,
-        {"solver": "ipopt", "option": "max_iter"},
-    ),
-    "solvers of the same name": (
-        lambda: csw.compare([], [csw.solvers.Ipopt(), csw.solvers.Ipopt(max_iter=3)]),
-        errors.ComparisonError,
-        {"solver": "ipopt"},
-    ),
-    "copies of a problem": (
-        lambda: csw.compare([], "ipopt", copies=-1),
-        errors.ComparisonError,
-        {"key": "copies", "value": -1},
-    ),
-    "tolerance below zero": (
-        lambda: csw.Tolerances(objective=-1),
-        errors.ComparisonError,
-        {"key": "objective", "value": -1},
-    ),
+Refusal = tuple[Callable[[], object], dict[str, Any]]
+REFUSALS: dict[type[errors.CasswarmError], dict[str, Refusal]] = {
+    errors.ScenarioError: {
+        "unknown scenario": (
+            lambda: csw.load_scenario("paper-9"),
+            {"value": "paper-9", "file": Path("paper-9")},
+        ),
+        "scenario key": (
+            lambda: SCENARIO.with_values({"formation.rho": -1}),
+            {"key": "formation.rho", "value": -1},
+        ),
+        "sweep without values": (
+            lambda: csw.sweep(SCENARIO, {"formation.rho": []}),
+            {"key": "formation.rho", "value": []},
+        ),
+        "sweep of a wrong value": (
+            lambda: csw.sweep(SCENARIO, {"formation.rho": [1j]}),
+            {"key": "formation.rho", "value": [1j]},
+        ),
+        "sweep of an unknown key": (
+            lambda: csw.sweep(SCENARIO, {"formation.roh": [1.0]}),
+            {"key": "formation.roh"},
+        ),
+    },
+    errors.HazardError: {
+        "shape of radars": (
+            lambda: saturation(radars=((0.0, 0.0, 0.0),)),
+            {"key": "radars", "shape": (1, 3)},
+        ),
+        "texts as radars": (
+            lambda: saturation(radars="here"),
+            {"key": "radars", "value": "'here'"},
+        ),
+        "infinite radars": (
+            lambda: saturation(radars=((np.inf, 0.0),)),
+            {"key": "radars", "value": ((np.inf, 0.0),)},
+        ),
+        "no radars": (lambda: saturation(radars=()), {"key": "radars"}),
+        "a wrong parameter of rates": (
+            lambda: saturation(alpha_2=-1.0),
+            {"key": "alpha_2", "value": -1.0},
+        ),
+        "a strength too many": (
+            lambda: saturation(strengths=(1.0, 2.0)),
+            {"key": "strengths", "value": (1.0, 2.0), "expected": 1},
+        ),
+        "a negative strength": (
+            lambda: saturation(strengths=(-1.0,)),
+            {"key": "strengths", "value": (-1.0,)},
+        ),
+        "shape of positions": (
+            lambda: saturation().rates([1.0, 2.0]),
+            {"key": "positions", "shape": (2,)},
+        ),
+        "shape of alive": (
+            lambda: saturation().rates([[1.0, 2.0]], [True, False]),
+            {"key": "alive", "shape": (2,), "expected": (1,)},
+        ),
+        "positions that are not finite": (
+            lambda: saturation().rates([[np.nan, 2.0]]),
+            {"key": "positions"},
+        ),
+        "shape of points": (
+            lambda: saturation().single_agent_rates([1.0, 2.0, 3.0]),
+            {"key": "points", "shape": (3,)},
+        ),
+        "negative rates": (
+            lambda: csw.CustomHazard(negative).rates([[2.0, 1.0]]),
+            {"hazard": "hazard 'negative'", "state": 0, "member": 0, "rate": -5.0}
+            | {"position": (2.0, 1.0)},
+        ),
+        "one rate for two members": (
+            lambda: csw.CustomHazard(one_rate),
+            {"hazard": "hazard 'one_rate'", "members": 2, "shape": (1, 1), "expected": (2, 1)},
+        ),
+        "rates that are no function": (
+            lambda: csw.CustomHazard(3),  # type: ignore[arg-type]
+            {"function": "3"},
+        ),
+        "unknown arguments of rates": (
+            lambda: csw.CustomHazard(negative, parameters={"alpha_1": 1.0}),
+            {"value": ["alpha_1"], "expected": ["positions", "_alive"]},
+        ),
+        "a bound above the rate": (
+            lambda: csw.CustomHazard(
+                lambda x, _alive: x[:, 0] ** 2, lower_bound=bounded
+            ).single_agent_lower_bound(np.zeros((1, 2)), np.ones((1, 2))),
+            {"bound": 1e9, "rate": 0.0, "position": (0.0, 0.0)},
+        ),
+    },
+    errors.PolicyError: {
+        "unknown policy": (lambda: csw.make_policy("lider", SCENARIO), {"policy": "lider"}),
+        "name as a scenario": (
+            lambda: csw.as_policy(lambda *_: None, "mine"),  # type: ignore[arg-type]
+            {"key": "scenario", "value": "mine"},
+        ),
+        "class of a policy": (
+            lambda: csw.as_policy(csw.ParametricPolicy),
+            {"policy": "ParametricPolicy"},
+        ),
+        "shape of parameters": (
+            lambda: parametric(lambda *_: None, [[1.0]]),
+            {"key": "parameters", "shape": (1, 1)},
+        ),
+        "parameters of no number": (
+            lambda: parametric(lambda *_: None, "many"),
+            {"key": "parameters", "value": "'many'"},
+        ),
+        "several policies at a time": (
+            lambda: csw.evaluate(SCENARIO, ["leader", "naive"]),  # type: ignore[arg-type]
+            {"policies": ["leader", "naive"]},
+        ),
+        "tolerance 0 for a large swarm": (
+            lambda: csw.evaluate(csw.load_scenario("large-swarm"), "leader", tolerance=0.0),
+            {"scenario": "large-swarm", "members": csw.load_scenario("large-swarm").n},
+        ),
+        "gradient of a named policy": (
+            lambda: csw.success_gradient(SCENARIO, "leader"),  # type: ignore[arg-type]
+            {"policy": "str"},
+        ),
+    },
+    errors.SolverError: {
+        "search of a guide": (
+            lambda: csw.plan(SCENARIO, search="everywhere"),  # type: ignore[arg-type]
+            {"search": "everywhere"},
+        ),
+        "options of a solver that is made": (
+            lambda: csw.make_solver(csw.solvers.Ipopt(), max_iter=3),
+            {"solver": "ipopt", "option": "max_iter"},
+        ),
+    },
+    errors.ProblemError: {
+        "start that is no number": (
+            lambda: csw.Problem.from_casadi(BOWL, "bowl", x0=[1, np.nan]),
+            {"problem": "bowl", "start": "given", "key": "x0"},
+        ),
+        "bounds that cross": (
+            lambda: csw.Problem.from_casadi(BOWL, "bowl", lbx=2, ubx=1),
+            {"problem": "bowl", "value": (2.0, 1.0)},
+        ),
+        "start of another size": (
+            lambda: csw.Problem.from_casadi(BOWL, "bowl", x0=[1, 2, 3]),
+            {"problem": "bowl", "key": "x0", "value": 3, "expected": 2},
+        ),
+    },
+    errors.PlanningError: {
+        "guide within no time": (lambda: csw.plan(SCENARIO, time_limit=1e-9), {"time_limit": 1e-9}),
+    },
+    errors.EnvError: {
+        "discount": (
+            lambda: SwarmVectorEnv(SCENARIO, 2, discount=0.0),
+            {"key": "discount", "value": 0.0},
+        ),
+        "number of environments": (
+            lambda: SwarmVectorEnv(SCENARIO, 0),
+            {"key": "num_envs", "value": 0},
+        ),
+    },
+    errors.ComparisonError: {
+        "unknown family": (lambda: make_problems("quikc"), {"family": "quikc"}),
+        "no problem of a family": (lambda: make_problems("quick", 0), {"key": "count", "value": 0}),
+        "formations of one member": (
+            lambda: csw.formation_problems(csw.load_scenario("single-agent")),
+            {"scenario": "single-agent"},
+        ),
+        "formations of planned paths": (
+            lambda: csw.formation_problems(SCENARIO, ["joint"]),
+            {"policy": "joint"},
+        ),
+        "solvers of the same name": (
+            lambda: csw.compare([], [csw.solvers.Ipopt(), csw.solvers.Ipopt(max_iter=3)]),
+            {"solver": "ipopt"},
+        ),
+        "copies of a problem": (
+            lambda: csw.compare([], "ipopt", copies=-1),
+            {"key": "copies", "value": -1},
+        ),
+        "tolerance below zero": (
+            lambda: csw.Tolerances(objective=-1),
+            {"key": "objective", "value": -1},
+        ),
+    },
 }
 
 
-@pytest.mark.parametrize("refusal", REFUSALS)
-def test_refusal_carries_its_values_also_when_pickled(refusal: str) -> None:
-    function, kind, values = REFUSALS[refusal]
+@pytest.mark.parametrize(
+    ("kind", "refusal"), [(kind, name) for kind in REFUSALS for name in REFUSALS[kind]]
+)
+def test_refusal_carries_its_values_also_when_pickled(
+    kind: type[errors.CasswarmError], refusal: str
+) -> None:
+    function, values = REFUSALS[kind][refusal]
     with pytest.raises(kind) as caught:
         function()
     assert type(caught.value) is kind
@@ -298,11 +264,11 @@ def given(folder: str) -> Iterator[tuple[str, str, str]]:
     for path in (ROOT / folder).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                for keyword in node.keywords:
-                    if keyword.arg and issubclass(
-                        getattr(errors, node.func.id, int), errors.CasswarmError
-                    ):
-                        yield node.func.id, keyword.arg, f"{path.name}:{node.lineno}"
+                kind = {"call_error": "PolicyCallError"}.get(node.func.id, node.func.id)
+                found = getattr(errors, kind, None)
+                if isinstance(found, type) and issubclass(found, errors.CasswarmError):
+                    names = (keyword.arg for keyword in node.keywords if keyword.arg)
+                    yield from ((kind, name, f"{path.name}:{node.lineno}") for name in names)
 
 
 @pytest.mark.parametrize("folder", ["casswarm", "cli", "problems"])

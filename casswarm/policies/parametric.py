@@ -105,8 +105,10 @@ class StateFunction:
 
     def values(self, step: int, states: States, parameters: FloatArray) -> FloatArray:
         """Velocities (B, n, 2) in B states."""
+        if not self.chunked:
+            return self.evaluate(step, parameters, *states)
         parts, expected = [], states[0].shape[1:]
-        for rows, count in self._chunks(len(states[0])):
+        for rows, count in _chunks(len(states[0])):
             chunk = [part[rows] for part in states]
             with policy_call(self.name, step):
                 parts.append(self.evaluate(step, parameters, *chunk)[:count])
@@ -117,9 +119,11 @@ class StateFunction:
         self, step: int, states: States, at: FloatArray, seeds: FloatArray, weights: FloatArray
     ) -> _Derivatives:
         """Products of seeds with the derivatives at parameters; see `ParametricPolicy.adjoint`."""
+        if not self.chunked:
+            return self.differentiate(step, at, *states, seeds, weights)
         to_positions, to_previous = np.empty_like(seeds), np.empty_like(seeds)
         to_parameters = np.zeros_like(at)
-        for rows, count in self._chunks(len(weights)):
+        for rows, count in _chunks(len(weights)):
             chunk = [part[rows] for part in (*states, seeds)]
             once = np.where(np.arange(len(rows)) < count, weights[rows], 0.0)
             with policy_call(self.name, step):
@@ -133,14 +137,12 @@ class StateFunction:
         self.values(0, (*np.zeros((2, 1, n, 2)), np.ones((1, n), bool)), np.zeros(size))
         return self
 
-    def _chunks(self, batch: int) -> Iterator[tuple[IntArray, int]]:
-        """Numbers of states that are evaluated at once, and how many they are without padding."""
-        if not self.chunked:
-            yield np.arange(batch), batch
-            return
-        for first in range(0, batch, CHUNK):
-            count = min(CHUNK, batch - first)
-            yield first + np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1), count
+
+def _chunks(batch: int) -> Iterator[tuple[IntArray, int]]:
+    """Padded numbers of states that are evaluated at once, and how many they are without it."""
+    for first in range(0, batch, CHUNK):
+        count = min(CHUNK, batch - first)
+        yield first + np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1), count
 
 
 def _require_velocities(name: str, step: int, shape: Any, expected: tuple[int, ...]) -> None:

@@ -1,15 +1,16 @@
-"""Close-ups of formations: leaders, losses, and mutual protection."""
+"""Close-ups of formations: leaders, losses, mutual protection, and the numbers of members."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from figure_cases import GUIDE, RUN, SCENARIO, trajectory
+from figure_cases import DISTRIBUTIONS, GUIDE, RUN, SCENARIO, trajectory
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from casswarm import Hazard
 from casswarm.chain import RunTrajectory
-from casswarm.figures import formation_chart
+from casswarm.figures import formation_chart, joint_map, swarm_map
 from casswarm.figures.formations import (
     additional_agent_rates,
     follows_guide,
@@ -17,6 +18,8 @@ from casswarm.figures.formations import (
     relative_rates,
     representative_steps,
 )
+from casswarm.studies import trajectory_table
+from casswarm.studies.tables import member_table
 
 
 def markers(axes: Axes, marker: str) -> list[tuple[float, float]]:
@@ -112,3 +115,39 @@ def test_follows_guide_requires_small_distance() -> None:
     assert follows_guide(trajectory(), GUIDE, 0.05)
     away = RunTrajectory(RUN.positions + 3.0, RUN.alive, RUN.leaders)
     assert not follows_guide(away, GUIDE, 0.05)
+
+
+# --- members have one numbering, from 0, in figures, tables and printed texts
+
+
+LOST = "1"  # the second member of `RUN` is lost
+
+
+def legend(fig: Figure) -> list[str]:
+    return [text.get_text() for text in fig.legends[0].get_texts()]
+
+
+def labels(fig: Figure, panel: int = 0) -> list[str]:
+    return [text.get_text() for text in fig.axes[panel].texts]
+
+
+def test_maps_number_members_from_0() -> None:
+    fig = swarm_map(SCENARIO, RUN, GUIDE)
+    assert [text for text in legend(fig) if "member" in text] == [f"member {k}" for k in range(3)]
+    assert LOST in labels(fig)
+    survival = np.full(RUN.alive.shape, 0.5)
+    fig = joint_map(SCENARIO, RUN.positions, survival)
+    named = [text for text in legend(fig) if "member" in text]
+    assert named == [f"member {k},\nsurvival 0.500" for k in range(3)]
+
+
+def test_close_ups_number_members_from_0() -> None:
+    fig = formation_chart(SCENARIO, RUN, GUIDE, steps=[2])
+    assert LOST in labels(fig)
+
+
+def test_tables_number_members_from_0() -> None:
+    table = trajectory_table({"leader": [RUN]})
+    assert sorted(set(table["member"])) == [0, 1, 2]
+    assert set(table.loc[~table["alive"], "member"]) == {int(LOST)}
+    assert member_table(DISTRIBUTIONS)["member"].tolist() == [0, 1, 2]

@@ -1,4 +1,4 @@
-"""Scenarios as objects."""
+"""Scenarios as objects and as arguments."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ import math
 import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from builtin_names import BUILTIN
 from scenario_messages import message
 
+import casswarm as csw
 from casswarm.errors import ScenarioError
 from casswarm.hazard import Saturation, SaturationCollision
 from casswarm.scenario import (
@@ -252,11 +255,6 @@ def test_with_values_of_wrong_type_names_key(paper: Scenario) -> None:
     assert "swarm.v_max cannot be set: swarm is 3, not a table of keys" in text
 
 
-def test_with_values_of_unknown_table_suggests_closest(paper: Scenario) -> None:
-    text = message(paper.with_values, {"gide.xyz": 1})
-    assert "unknown key 'gide'; did you mean 'guide'?" in text
-
-
 # --- replace
 
 
@@ -294,3 +292,40 @@ def test_error_of_contradicting_keys_has_key(paper: Scenario) -> None:
     with pytest.raises(ScenarioError) as caught:
         paper.with_values({"guide.margin": 0.5})
     assert caught.value.key == "guide.margin"
+
+
+# --- functions that take a scenario
+
+
+FUNCTIONS: dict[str, Callable[[Any], object]] = {
+    "plan": csw.plan,
+    "plan_swarm": csw.plan_swarm,
+    "simulate": csw.simulate,
+    "runs_needed": csw.runs_needed,
+    "evaluate": csw.evaluate,
+    "estimate": csw.estimate,
+    "sweep": lambda value: csw.sweep(value, {"n": [1]}),
+    "success_bound": csw.success_bound,
+    "make_policy": lambda value: csw.make_policy("leader", value),
+    "ValueFunction.from_scenario": csw.ValueFunction.from_scenario,
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_name_instead_of_a_scenario_is_refused_with_advice(name: str) -> None:
+    with pytest.raises(TypeError) as caught:
+        FUNCTIONS[name]("paper-1")
+    assert str(caught.value) == (
+        f"{name}() needs a Scenario, not the str 'paper-1': "
+        "load it first, csw.load_scenario('paper-1')"
+    )
+
+
+def test_path_instead_of_a_scenario_is_refused_with_advice() -> None:
+    with pytest.raises(TypeError, match=r"load it first, csw.load_scenario\('mine.toml'\)"):
+        csw.plan(Path("mine.toml"))  # type: ignore[arg-type]
+
+
+def test_other_object_instead_of_a_scenario_is_refused_with_advice() -> None:
+    with pytest.raises(TypeError, match=r"not the dict \{'name': 'a'\}: load one with"):
+        csw.plan({"name": "a"})  # type: ignore[arg-type]

@@ -1,15 +1,21 @@
-"""Scenario files, loaded and saved."""
+"""Scenario files: found, read and written; syntax errors, and files that are none."""
 
 from __future__ import annotations
 
+import os
+import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from builtin_names import BUILTIN
+from commands import casswarm
 from scenario_messages import message
 
-from casswarm.scenario import Scenario, load_scenario, save_scenario
+from casswarm import ScenarioError, load_scenario
+from casswarm.scenario import Scenario, save_scenario
+from casswarm.scenario.scenario_files import MAX_BYTES, MAX_KEY_PARTS
 from casswarm.scenario.validation import fields, subtable
 
 
@@ -157,3 +163,119 @@ def test_saved_comments_describe_every_key(name: str, tmp_path: Path) -> None:
     known = [item for model in models for item in fields(model).items()]
     for key in (line.split(" = ")[0] for line in lines if " = " in line and line[0] != "#"):
         assert any(name == key and str(field.description) in comments for name, field in known), key
+
+
+# --- files that are refused before they are read or parsed
+
+
+POSIX = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs fifos and devices")
+
+
+@POSIX
+def test_fifo_without_writer_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    done = casswarm(tmp_path, "scenarios", "check", "pipe.toml", code=2)
+    assert "pipe.toml cannot be read: it is a fifo, a socket or a device" in done.stderr
+
+
+@POSIX
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/null"])
+def test_device_is_refused(tmp_path, device):
+    done = casswarm(tmp_path, "plan", device, code=2)
+    assert f"{device} cannot be read: it is a fifo, a socket or a device" in done.stderr
+
+
+def test_large_file_is_refused(tmp_path):
+    file = tmp_path / "large.toml"
+    file.write_bytes(b"#" * (MAX_BYTES + 1))
+    with pytest.raises(ScenarioError, match=r"it has 1,000,001 bytes, more than .* 1,000,000"):
+        load_scenario(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ".".join(["a"] * 300) + " = 1",
+        "[" + " . ".join(['"a"'] * 300) + "]",
+        "x = { " + ".".join(["'a'"] * 300) + " = 1 }",
+    ],
+)
+def test_key_of_hundreds_of_parts_is_refused(tmp_path, text):
+    file = tmp_path / "deep.toml"
+    file.write_text(text)
+    words = re.escape(f"a key in it has more than {MAX_KEY_PARTS} dotted parts")
+    with pytest.raises(ScenarioError, match=words):
+        load_scenario(file)
+
+
+@pytest.mark.parametrize("text", ["a" * 900_000, "a." * 9 + "a" * 900_000, "'" * 900_000])
+def test_search_for_long_keys_takes_linear_time(tmp_path, text):
+    file = tmp_path / "word.toml"
+    file.write_text(text)
+    started = time.monotonic()
+    with pytest.raises(ScenarioError):
+        load_scenario(file)
+    assert time.monotonic() - started < 30
+
+
+# --- syntax errors: the quoted line, the caret and the hint
+
+
+HINTS = {
+    "name = ring": 'a text needs quotes: "ring"',
+    "name = “ring”": "a text needs straight quotes",
+    'name = "ring\na = 1': "a quote is missing",
+    "a = True": "write true, in lower case and without quotes",
+    "a = yes": "write true, in lower case and without quotes",
+    "a = [no]": "write false, in lower case and without quotes",
+    "a = None": "omit the key instead",
+    "dt = 0,33": "a number has a decimal point: 0.33",
+    "dt = .33": "a number needs a digit before its point: 0.33",
+    "dt = 5.": "a number needs a digit after its point: 5.0",
+    "dt = 05": "a number has no zeros in front",
+    "dt = 1/3": "a number stands alone: no units, no calculations",
+    "dt = 3 m": "a number stands alone: no units, no calculations",
+    "dt: 0.33": "write KEY = VALUE, or [TABLE] in brackets",
+    "dt =": "the key has no value",
+    "a = [(0, 0)]": "a list is written in square brackets",
+    "a = [0.5 0.5]": "a comma is missing between two values",
+    "a = [\n  [0, 0]\n  [1, 1]\n]": "a comma is missing between two values",
+    "a = [[3, 4], [5, 6]\n[time]\ndt = 1": "the list a, which begins in line 1, lacks a ']'",
+    "b = 1\na = [[3, 4],": "the list a, which begins in line 2, lacks a ']'",
+    "a = [1, 2]]": "there is a ']' too many",
+    "a = [1,,2]": "there is a comma too many",
+    "[time\ndt = 1": "a ']' must end the name of the table",
+    "a = 1\na = 2": "a key or table may occur only once",
+    'a = "C:\\users"': r"a backslash in a text is written \\, or use single quotes",
+    "// slow": "one KEY = VALUE a line; comments start with '#'",
+}
+
+
+@pytest.mark.parametrize("text", HINTS)
+def test_syntax_error_has_a_hint(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    found = message(load_scenario, path)
+    assert found.startswith(f"scenario file {path} is not valid TOML:\n  ")
+    assert f"  hint: {HINTS[text]}" in found.splitlines()[-1]
+
+
+def test_syntax_error_quotes_the_line_with_a_caret(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\r\n[time]\r\n\tdt = 0,33\r\n', newline="")
+    assert message(load_scenario, path).splitlines()[1:] == [
+        "  Expected newline or end of document after a statement (at line 3, column 8)",
+        "     dt = 0,33",
+        "           ^",
+        "  hint: a number has a decimal point: 0.33",
+    ]
+
+
+def test_syntax_error_in_a_long_line_is_short_and_soon_found(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f"a = [{'1' * 4000}, {'1, ' * 20_000} x y]\n")
+    started = time.perf_counter()
+    lines = message(load_scenario, path).splitlines()
+    assert time.perf_counter() - started < 20.0
+    assert max(map(len, lines)) < 200
+    assert lines[-2].index("^") == lines[-3].index("x")

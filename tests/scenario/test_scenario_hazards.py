@@ -137,19 +137,6 @@ def test_hazard_parameters_must_be_plain_values(paper: Scenario) -> None:
 # --- hazard tables
 
 
-def test_unknown_hazard_kind_suggests_closest(paper: Scenario) -> None:
-    text = message(paper.with_values, {"hazard.kind": "satturation"})
-    assert "hazard.kind is 'satturation'; it must be 'saturation', 'saturation+collision'" in text
-    assert "did you mean 'saturation'?" in text
-
-
-def test_keys_of_another_hazard_kind_are_refused(paper: Scenario) -> None:
-    text = message(paper.with_values, {"hazard.beta_1": 0.2})
-    assert "hazard.beta_1 is not a key of kind 'saturation'; remove it, or choose kind" in text
-    text = message(paper.with_values, {"hazard.parameters.a": 1})
-    assert "hazard.parameters is not a key of kind 'saturation'" in text
-
-
 @pytest.mark.parametrize("kind", ["saturation", "saturation+collision"])
 def test_core_radius_is_a_fiftieth_of_target_radius_by_default(kind: str) -> None:
     paper = load_scenario("paper-2" if "collision" in kind else "paper-1")
@@ -167,17 +154,6 @@ def test_core_radius_is_a_fiftieth_of_target_radius_by_default(kind: str) -> Non
 def test_missing_hazard_constant_is_named(key: str) -> None:
     text = message(load_scenario("paper-2").with_values, {f"hazard.{key}": None})
     assert f"hazard.{key} is missing; kind 'saturation+collision' needs it: a number" in text
-
-
-@pytest.mark.parametrize("radars", [[], None])
-def test_builtin_hazard_without_radars_is_refused(paper: Scenario, radars: object) -> None:
-    text = message(paper.with_values, {"hazard.radars": radars})
-    assert "hazard.radars is missing or empty; kind 'saturation' needs [x, y] pairs" in text
-
-
-def test_strengths_of_wrong_number_are_refused(paper: Scenario) -> None:
-    text = message(paper.with_values, {"hazard.strengths": [1, 2, 3]})
-    assert "hazard.strengths has 3 numbers for 2 radars; give one for each radar" in text
 
 
 def test_overflowing_collision_rate_is_refused() -> None:

@@ -54,6 +54,22 @@ WRONG_VALUES = [
     ("name", "../up", "name is '../up'; it must be a text of 1 to 100 printable characters"),
     ("name", 1, "name is 1; it must be a text of 1 to 100 printable characters"),
     ("description", 1, "description is 1; it must be a text in quotes"),
+    ("gide.xyz", 1, "unknown key 'gide'; did you mean 'guide'?"),
+    ("target.center", [0.8, 0.6], "swarm.positions[1] is [0.45, 0.45], inside the target zone"),
+    ("time.t_f", 0.2, "time.t_f is 0.2 with dt = 0.33, less than one step; raise t_f to 0.33 or"),
+    ("time.dt", 1e-9, "1e+10 steps; at most 100000 are allowed, raise dt"),
+    ("guide.margin", 0.5, "guide.margin is 0.5; it must be below target.radius = 0.5"),
+    ("hazard.kind", "satturation", "hazard.kind is 'satturation'; it must be 'saturation', 'sat"),
+    ("hazard.kind", "satturation", "did you mean 'saturation'?"),
+    ("hazard.beta_1", 0.2, "hazard.beta_1 is not a key of kind 'saturation'; remove it, or choose"),
+    ("hazard.parameters.a", 1, "hazard.parameters is not a key of kind 'saturation'"),
+    (
+        "hazard.radars",
+        [],
+        "hazard.radars is missing or empty; kind 'saturation' needs [x, y] pairs",
+    ),
+    ("hazard.radars", None, "hazard.radars is missing or empty; kind 'saturation' needs [x, y] pa"),
+    ("hazard.strengths", [1, 2, 3], "hazard.strengths has 3 numbers for 2 radars; give one for"),
     ("time", 3, "time is 3; it must be a table with the keys dt, t_f"),
 ]
 
@@ -80,23 +96,8 @@ def test_member_on_radar_is_named(paper: Scenario) -> None:
     assert "0.04 or more apart" in message(paper.with_values, wide)
 
 
-def test_member_in_target_zone_is_named(paper: Scenario) -> None:
-    text = message(paper.with_values, {"target.center": [0.8, 0.6]})
-    assert "swarm.positions[1] is [0.45, 0.45], inside the target zone" in text
-
-
 def test_members_at_same_position_are_allowed(paper: Scenario) -> None:
     assert paper.with_values({"swarm.positions": [[0, 0], [0, 0]]}).n == 2
-
-
-def test_horizon_below_one_step_is_refused(paper: Scenario) -> None:
-    text = message(paper.with_values, {"time.t_f": 0.2})
-    assert "time.t_f is 0.2 with dt = 0.33, less than one step; raise t_f to 0.33 or more" in text
-
-
-def test_too_many_steps_are_refused(paper: Scenario) -> None:
-    text = message(paper.with_values, {"time.dt": 1e-9})
-    assert "1e+10 steps; at most 100000 are allowed, raise dt" in text
 
 
 def test_unreachable_target_reports_distance_and_steps(paper: Scenario) -> None:
@@ -124,11 +125,6 @@ def test_initial_velocity_above_v_max_is_refused(paper: Scenario) -> None:
     assert paper.with_values({"swarm.velocity": [2, -2]}).swarm.velocity == (2.0, -2.0)
     text = message(paper.with_values, {"swarm.velocity": [0.0, -2.5]})
     assert "swarm.velocity is [0.0, -2.5]; each component may be at most swarm.v_max = 2" in text
-
-
-def test_margin_of_target_radius_is_refused(paper: Scenario) -> None:
-    text = message(paper.with_values, {"guide.margin": 0.5})
-    assert "guide.margin is 0.5; it must be below target.radius = 0.5" in text
 
 
 @given(st.integers(1, 50_000), st.integers(1, 10**6), st.integers(0, 6))
