@@ -268,8 +268,12 @@ def joint_instances(
         _instance(nlp, form, task, steps, guess)
         for steps, guess in zip(arrivals, velocities, strict=True)
     ]
-    names = "x0", "p", "lbx", "ubx", "lbg", "ubg"
-    return Instances(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def together(name: str) -> FloatArray:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    x0, p, lbx, ubx, lbg, ubg = map(together, ("x0", "p", "lbx", "ubx", "lbg", "ubg"))
+    return Instances(x0, p, lbx, ubx, lbg, ubg)
 
 
 def _instance(

@@ -319,8 +319,12 @@ def plan_from(
     backend = _solver(scenario, solver, solver_options)
     kind = _checked_search(search, scenario, backend)
     frame = Frame.of_agent(scenario, task.start, task.initial_velocity)
-    vectors = {name: getattr(task, name) for name in ("start", "center", "initial_velocity")}
-    turned = replace(task, **{name: frame.points_to(each) for name, each in vectors.items()})
+    turned = replace(
+        task,
+        start=frame.points_to(task.start),
+        center=frame.points_to(task.center),
+        initial_velocity=frame.points_to(task.initial_velocity),
+    )
     multistart = Multistart(
         frame.scenario_in(scenario), turned, backend, frame.reported(progress), deadline
     )

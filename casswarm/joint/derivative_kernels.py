@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled.kernels import allocating_kernel, kernel
+from ..hazard.rate_kernels import LANES
 from ..typing import FloatArray
 from .curvature_kernels import (
-    LANES,
     Curvature,
     Slopes,
     add_curvature,

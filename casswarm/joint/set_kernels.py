@@ -15,8 +15,8 @@ import numpy as np
 
 from ..compiled.kernels import allocating_kernel, kernel
 from ..compiled.parallel import execute
+from ..hazard.rate_kernels import LANES
 from ..typing import FloatArray, IntArray
-from .curvature_kernels import LANES
 
 _PER_THREAD = 2**15  # sets, of all steps, that are worth a thread
 
