@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
-    """What decides how exact an answer is; for values that are not given, a function has its own.
+    """Settings of how exact an answer is; for values that are not given, a function has its own.
 
     Each of them can also be given to a function as a plain keyword.
 
@@ -46,7 +46,7 @@ class Accuracy:
 
 @dataclass(frozen=True, kw_only=True)
 class Execution:
-    """How an answer is computed, which changes no number, unless a time limit ends the work.
+    """Settings of how an answer is computed: they change no number but by a time limit.
 
     Each of these can also be given to a function as a plain keyword.
 
@@ -117,7 +117,7 @@ def given_values(
     for name in grouped.keys() | plain.keys():
         if name not in defaults:
             raise TypeError(f"{function} takes no {name!r}; allowed: {', '.join(defaults)}")
-    given = {name: value for name, value in plain.items() if value is not None}
+    given = {k: v for k, v in plain.items() if v is not None or defaults[k] is not None}
     for name in grouped.keys() & given.keys():
         group = "accuracy" if hasattr(Accuracy, name) else "execution"
         raise TypeError(f"{function}: {name} is given twice, plainly and in {group}=")

@@ -128,7 +128,7 @@ def evaluate(
     True
     """
     require_scenario("evaluate", scenario)
-    given = {**plain, "tolerance": tolerance}
+    given = plain if tolerance is None else {**plain, "tolerance": tolerance}
     values = given_values("evaluate", accuracy, execution, plain=given, **EXACT, progress=None)
     tolerance, max_states, aggregation_tol, progress = values
     options = _options(scenario, tolerance, max_states)
@@ -382,7 +382,7 @@ def success_gradient(
             policy=type(policy).__name__,
         )
     _require_fit(scenario, policy)
-    given = {**plain, "tolerance": tolerance}
+    given = plain if tolerance is None else {**plain, "tolerance": tolerance}
     values = given_values("success_gradient", accuracy, plain=given, **EXACT)
     tolerance, max_states, aggregation_tol = values
     options = _options(scenario, tolerance, max_states, MAX_STATES_OF_GRADIENT)

@@ -270,7 +270,7 @@ def simulate(
     """
     require_scenario("simulate", scenario)
     seed, runs = require_seed(seed), _require_runs("runs", runs)
-    given = {**plain, "workers": workers}
+    given = plain if workers is None else {**plain, "workers": workers}
     values = given_values("simulate", execution, plain=given, workers=1, **SAVED)
     workers, progress, checkpoint, if_exists = values
     progress = reporter(progress)
