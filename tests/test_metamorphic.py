@@ -19,6 +19,7 @@ from casswarm.guide.frame import SYMMETRIES
 
 IMAGES = {
     "mirrored": (np.diag([1.0, -1.0]), (0.0, 0.0)),
+    "reversed": (np.diag([-1.0, 1.0]), (0.0, 0.0)),
     "swapped": (np.array([[0.0, 1.0], [1.0, 0.0]]), (0.0, 0.0)),
     "turned": (np.array([[0.0, -1.0], [1.0, 0.0]]), (0.0, 0.0)),
     "shifted": (np.eye(2), (-7.0, 3.0)),
@@ -194,8 +195,14 @@ BOUNDS: dict[str, tuple[Scenario, Callable[[Scenario], float], float]] = {
 
 @pytest.mark.parametrize("name", BOUNDS)
 def test_bound_of_images_is_equal(name: str) -> None:
-    """In reverse order, too, but for pairs: their grid begins at the first member."""
+    """With members and radars in reverse order, but for pairs: their grid begins at the first."""
     scenario, bound, tolerance = BOUNDS[name]
     order = None if "pair" in name else list(range(scenario.n))[::-1]
-    values = [bound(image(scenario, matrix, order, shift)) for matrix, shift in IMAGES.values()]
-    np.testing.assert_allclose(values, bound(scenario), rtol=tolerance)
+    images = [image(scenario, matrix, order, shift) for matrix, shift in IMAGES.values()]
+    if order is not None:
+        radars = [list(each.hazard_table.radars)[::-1] for each in images]
+        images = [
+            each.with_values({"hazard.radars": reverse})
+            for each, reverse in zip(images, radars, strict=True)
+        ]
+    np.testing.assert_allclose([bound(each) for each in images], bound(scenario), rtol=tolerance)

@@ -300,7 +300,13 @@ REFUSALS = [
     (pair_bound, USERS, {}, PlanningError, "CustomHazard does not provide `pair_bounds`"),
     (pair_bound, FOUR_STEPS, {"max_nodes": 10}, PlanningError, "more than max_nodes = 10"),
     (success_bound, PAPER, {"max_nodes": 10}, ValueError, "from 1000"),
-    (success_bound, PAPER, {"max_work": math.inf}, ValueError, "max_work = inf; allowed: finite"),
+    (
+        success_bound,
+        PAPER,
+        {"max_work": math.inf},
+        ValueError,
+        "max_work = inf; allowed: finite numbers",
+    ),
     *(
         (success_bound, PAPER, {name: -1}, ValueError, f"{name} = -1; allowed: numbers from 0")
         for name in ("max_work", "accuracy", "time_limit")

@@ -17,7 +17,7 @@ from casswarm.solvers import Ipopt
 each = pytest.mark.parametrize("case", KNOWN, ids=lambda case: case.nlp.name)
 with_multipliers = pytest.mark.parametrize(
     "case",
-    [case for case in KNOWN if case.bound_multipliers.any() or case.row_multipliers.any()],
+    [active_box(), *map(published, (7, 21, 35, 71))],
     ids=lambda case: case.nlp.name,
 )
 

@@ -56,20 +56,40 @@ WRONG_VALUES = [
     ("description", 1, "description is 1; it must be a text in quotes"),
     ("gide.xyz", 1, "unknown key 'gide'; did you mean 'guide'?"),
     ("target.center", [0.8, 0.6], "swarm.positions[1] is [0.45, 0.45], inside the target zone"),
-    ("time.t_f", 0.2, "time.t_f is 0.2 with dt = 0.33, less than one step; raise t_f to 0.33 or"),
+    (
+        "time.t_f",
+        0.2,
+        "time.t_f is 0.2 with dt = 0.33, less than one step; raise t_f to 0.33 or more",
+    ),
     ("time.dt", 1e-9, "1e+10 steps; at most 100000 are allowed, raise dt"),
     ("guide.margin", 0.5, "guide.margin is 0.5; it must be below target.radius = 0.5"),
-    ("hazard.kind", "satturation", "hazard.kind is 'satturation'; it must be 'saturation', 'sat"),
+    (
+        "hazard.kind",
+        "satturation",
+        "hazard.kind is 'satturation'; it must be 'saturation', 'saturation+collision'",
+    ),
     ("hazard.kind", "satturation", "did you mean 'saturation'?"),
-    ("hazard.beta_1", 0.2, "hazard.beta_1 is not a key of kind 'saturation'; remove it, or choose"),
+    (
+        "hazard.beta_1",
+        0.2,
+        "hazard.beta_1 is not a key of kind 'saturation'; remove it, or choose kind",
+    ),
     ("hazard.parameters.a", 1, "hazard.parameters is not a key of kind 'saturation'"),
     (
         "hazard.radars",
         [],
         "hazard.radars is missing or empty; kind 'saturation' needs [x, y] pairs",
     ),
-    ("hazard.radars", None, "hazard.radars is missing or empty; kind 'saturation' needs [x, y] pa"),
-    ("hazard.strengths", [1, 2, 3], "hazard.strengths has 3 numbers for 2 radars; give one for"),
+    (
+        "hazard.radars",
+        None,
+        "hazard.radars is missing or empty; kind 'saturation' needs [x, y] pairs",
+    ),
+    (
+        "hazard.strengths",
+        [1, 2, 3],
+        "hazard.strengths has 3 numbers for 2 radars; give one for each radar",
+    ),
     ("time", 3, "time is 3; it must be a table with the keys dt, t_f"),
 ]
 
