@@ -27,7 +27,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("casswarm", "cli", "problems")
 REACHED, GROWTH = 29_370, 1.03
-KERNEL_TEXT = re.compile(r"(^|\n)@(kernel|objective|vectorized_objective)\n")
+KERNEL_TEXT = re.compile(r"(^|\n)(@\w*kernel\n|@objective\n|def \w+\()")
 UNUSUAL = {"__init__", "__main__", "base"}
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable
 from functools import cached_property, lru_cache, update_wrapper
@@ -33,6 +34,9 @@ LOG = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Array = TypeVar("_Array", bound=NDArray[Any])
 _PACKAGE = Path(__file__).parent.parent
+
+_COMPILERS = "kernels.py", "linking.py", "plain.py"
+_STAMPED = re.compile(rb"^@(\w*kernel|objective)\b|^class \w+\(NamedTuple\)", re.MULTILINE)
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 _UNCOUNTED: dict[str, Any] = {"_nrt": False}  # as Numba itself compiles its functions of strings
@@ -193,12 +197,16 @@ def _sum(function: Any, x: Any) -> Any:
 @lru_cache(maxsize=1)
 def _stamp() -> bytes:
     """Hash of all kernels and of how they are compiled: a change compiles all of them again."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in stamped_files())).digest()
+
+
+def stamped_files() -> list[Path]:
+    """Files that define kernels, or records that these take, and those of the compiler."""
     problems = find_spec(f"{_PACKAGE.name}.problems")  # in a checkout beside the package
     folders = [_PACKAGE, *map(Path, problems.submodule_search_locations or () if problems else ())]
-    files = sorted({path for folder in folders for path in folder.rglob("*_kernels.py")})
-    compilers = ("kernels.py", "linking.py", "plain.py")
-    files += [Path(__file__).with_name(name) for name in compilers]
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).digest()
+    files = sorted({path for folder in folders for path in folder.rglob("*.py")})
+    compilers = [Path(__file__).with_name(name) for name in _COMPILERS]
+    return [path for path in files if _STAMPED.search(path.read_bytes())] + compilers
 
 
 def contiguous(array: _Array) -> _Array:

@@ -152,10 +152,11 @@ def costs_to_go(stage_costs: StageCosts, deadline: float = math.inf) -> Values:
         It is not complete at the `deadline`, a time of `time.monotonic`.
     """
     found: Values = []
-    for _, values in backwards(stage_costs):
+    steps = backwards(stage_costs)
+    for _ in stage_costs.grid.blocks:
         if time.monotonic() > deadline:
             raise TimeoutError
-        found.append(values)
+        found.append(next(steps)[1])
     return found[::-1]
 
 

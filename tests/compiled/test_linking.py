@@ -6,15 +6,13 @@ import os
 import shutil
 import subprocess
 import sys
-from importlib.util import find_spec
-from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
 
-import casswarm
 from casswarm.compiled import generated_module
+from casswarm.compiled.kernels import stamped_files
 
 TEXT = """
 @kernel
@@ -140,20 +138,28 @@ def test_kernel_whose_called_kernel_was_compiled_by_another_process_is_compiled_
     assert first_use(ours, "product") == "1 0 0"
 
 
-def kernel_files():
-    """All files of kernels, of the package and of `problems`, which may stand beside it."""
-    problems = find_spec("casswarm.problems").submodule_search_locations
-    folders = {Path(casswarm.__file__).parent, *map(Path, problems)}
-    return sorted({path for folder in folders for path in folder.rglob("*_kernels.py")})
+def kernels_and_imports(path):
+    """Names that kernels of a file use, and the modules from which it imports names."""
+    tree, used, origins = ast.parse(path.read_text()), set(), {}
+    for node in ast.walk(tree):
+        decorators = getattr(node, "decorator_list", ())
+        if any(getattr(each, "id", "").endswith("kernel") for each in decorators):
+            used |= {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
+        if isinstance(node, ast.ImportFrom):
+            origins |= {each.name: node.module or "" for each in node.names}
+    return used, origins
 
 
 def test_kernels_take_constants_from_files_whose_change_compiles_them_again():
-    files = kernel_files()
-    assert len(files) > 10
-    for path in files:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and not (node.module or "").endswith("_kernels"):
-                assert not [each.name for each in node.names if each.name.isupper()], path
+    hashed = stamped_files()
+    kernels = {path: kernels_and_imports(path) for path in hashed}
+    assert sum(bool(used) for used, _ in kernels.values()) > 20
+    stems = {path.stem for path in hashed}
+    for path, (used, origins) in kernels.items():
+        for name in used & origins.keys():
+            module = origins[name]
+            if name.isupper() and module not in ("math", "numpy"):
+                assert module.rpartition(".")[2] in stems, (path, name)
 
 
 def test_type_of_callback_is_built_once():
