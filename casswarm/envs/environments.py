@@ -283,7 +283,7 @@ class SwarmEnv(OneSwarm, gymnasium.Env[NDArray[Any], NDArray[Any]]):
         As of `SwarmVectorEnv`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = RENDERING  # type: ignore[misc]  # as in Gymnasium
+    metadata: ClassVar[dict[str, Any]] = {**RENDERING}  # type: ignore[misc]  # as in Gymnasium
 
     @override
     def _set_spaces(self) -> None:

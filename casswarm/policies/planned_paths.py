@@ -113,8 +113,8 @@ class JointPolicy(Policy):
             velocities = np.where(on_plan[..., None], self.planned_velocities[step], velocities)
         infeasible = alive & self.motion.misses(positions, velocities, goals)
         velocities = np.where(alive[..., None], velocities, 0.0)
-        zeros = np.zeros(len(alive), np.int64)
-        return Decision(velocities, infeasible.sum(axis=1), zeros, zeros)
+        none = np.zeros((2, len(alive)), np.int64)
+        return Decision(velocities, infeasible.sum(axis=1), *none)
 
     def _on_plan(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray

@@ -240,12 +240,8 @@ class Solver(ABC):
         """Compile the problem for this backend, once; raise SolverError if that is impossible."""
 
     def warm(self) -> Solver:
-        """The solver for initial guesses that are close to a minimum; by default itself.
-
-        A small initial barrier parameter, where there is one that is not set, keeps it near them.
-        """
-        chosen: Any = self
-        return self if getattr(self, "mu_init", 0.0) is not None else replace(chosen, mu_init=1e-4)
+        """The solver for initial guesses that are close to a minimum; by default itself."""
+        return self
 
     def from_feasible_guess(self) -> tuple[Solver, ...]:
         """Solvers that start at a feasible guess, however thin the feasible set, to try in turn."""

@@ -363,6 +363,11 @@ class Ipopt(NlpsolSolver):
     print_level: NonNegativeInt = 0
 
     @override
+    def warm(self) -> Ipopt:
+        """With a small initial barrier parameter, which keeps it near its initial guess."""
+        return self if self.mu_init is not None else replace(self, mu_init=1e-4)
+
+    @override
     def from_feasible_guess(self) -> tuple[Ipopt, ...]:
         """Hardly pushed away from bounds, hardly a barrier.
 

@@ -198,6 +198,11 @@ class Pounce(CallbackSolver):
     statuses: ClassVar[Mapping[str, Status]] = Ipopt.statuses
 
     @override
+    def warm(self) -> Pounce:
+        """With a small initial barrier parameter, which keeps it near its initial guess."""
+        return self if self.mu_init is not None else replace(self, mu_init=1e-4)
+
+    @override
     def optimize(self, nlp: Nlp, instance: Instances) -> Any:
         length = instance.scale[0, 0]
         problem = _package().Problem(
