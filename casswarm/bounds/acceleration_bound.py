@@ -58,11 +58,21 @@ def floored(values: FloatArray, scale: float) -> FloatArray:
 
 
 class AccelerationLimits(NamedTuple):
-    """Limits on second differences of positions."""
+    """Limits on second differences of positions, in units of length.
 
-    later: float  # bound on |X(t+1) - 2 X(t) + X(t-1)|, t >= 1
-    first: float  # bound on |X(1) - X(0) - displacement|; infinite if the first velocity is free
-    displacement: FloatArray  # (2,), dt V(-1)
+    Parameters
+    ----------
+    later : float
+        Bound on |X(t+1) - 2 X(t) + X(t-1)|, t >= 1.
+    first : float
+        Bound on |X(1) - X(0) - `displacement`|; infinite if the first velocity is free.
+    displacement : (2,)
+        dt V(-1).
+    """
+
+    later: float
+    first: float
+    displacement: FloatArray
 
     def in_steps(self, step: float) -> AccelerationLimits:
         """The limits in units of the length `step`, rounded outwards to multiples of `QUANTUM`."""
@@ -79,15 +89,28 @@ class AccelerationLimits(NamedTuple):
 class AccelerationBound:
     """A proven lower bound on the risk of the paths that obey the limits of acceleration, too.
 
-    No path that obeys the limits of speed and acceleration and ends, by step N, at most `radius`
-    from the target's centre has less risk than the bound.
+    Parameters
+    ----------
+    bound : float
+        No path that obeys the limits of speed and acceleration and ends, by step N, at most
+        `radius` from the target's centre has less risk.
+    best : float
+        Least known risk of such a path.
+    radius : float
+        In units of length.
+    reason : str
+        Why the proof ended.
+    regions : int
+        Number of regions of paths that were bounded.
+    seconds : float
+        Duration of the proof.
     """
 
     bound: float
-    best: float  # least known risk of such a path
+    best: float
     radius: float
-    reason: str  # why the proof ended
-    regions: int  # of paths that were bounded
+    reason: str
+    regions: int
     seconds: float
 
     @property
@@ -520,11 +543,27 @@ def bound_with_acceleration(
 ) -> AccelerationBound:
     """Bound on the risk of the paths of a relaxation that obey limits of acceleration, too.
 
-    The task's radius is that in which paths are to end, and its hazard provides
-    `single_agent_rates_below`. `best` is the risk of a known path, which the bound does not exceed;
-    any positive number is valid. `known` is a lower bound without limits of acceleration. It ends
-    at a `gap` (best - bound) / best, or at the `deadline`, a time of `time.monotonic`; a step that
-    has begun is completed.
+    Parameters
+    ----------
+    task : Relaxation
+        With the radius in which paths are to end; its hazard must provide
+        `single_agent_rates_below`.
+    limits : AccelerationLimits
+    best : float
+        Risk of a known path; the bound is at most `best`. Any positive number is valid.
+    gap : float
+        Value of (best - bound) / best at which to stop.
+    deadline : float
+        A time of `time.monotonic`; a step of the proof that has begun is completed.
+    known : float
+        A lower bound on the risk of the paths without limits of acceleration.
+    first_nodes : int
+        Maximum number of nodes of the first regions, if their cells can be chosen so.
+
+    Returns
+    -------
+    AccelerationBound
+        Its bound is at least `known`.
     """
     started = time.monotonic()
     scale = float(floored(np.asarray(best), best))

@@ -105,10 +105,18 @@ class Potential:
 
 
 class PotentialFamily:
-    """The potentials of members at `starts` (n, 2) on one grid, by slope.
+    """The potentials of members on one grid, by slope.
 
-    The task's hazard provides lower bounds of single-agent rates, the grid has at most `max_nodes`
-    nodes over all steps unless the coarsest has more, and the multiplier is as of `StageCosts`.
+    Parameters
+    ----------
+    task : Relaxation
+        Whose hazard provides lower bounds of single-agent rates.
+    starts : (n, 2)
+        Positions of the members at step 0.
+    max_nodes : int
+        Maximum number of nodes over all steps, unless the coarsest grid has more.
+    multiplier : float
+        Of arrival, as of `StageCosts`.
     """
 
     def __init__(

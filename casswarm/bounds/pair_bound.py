@@ -43,13 +43,21 @@ class PairLevel:
 class PairBound:
     """A proven upper bound of the success probability of every policy of two members.
 
-    No policy exceeds `value`, with or without limits of acceleration. Those that do not exceed
-    `known`, the success probability that was given, were not considered.
+    Parameters
+    ----------
+    value : float
+        No policy exceeds it, with or without limits of acceleration.
+    known : float
+        The success probability that was given: policies that do not exceed it were not considered.
+    reason : str
+        Why the refinement ended.
+    levels : tuple of PairLevel
+        The grids of the refinement, from the coarsest.
     """
 
     value: float
     known: float
-    reason: str  # why the refinement ended
+    reason: str
     levels: tuple[PairLevel, ...] = field(default=(), repr=False)
 
     @property
@@ -227,14 +235,29 @@ class PairValueFunction:
 
     The values are those of a policy on the nodes, up to interpolation of a survivor's. They are not
     bounds; `casswarm.bounds.pair_bound` proves one.
+
+    Parameters
+    ----------
+    origin : (2,)
+        Position of node (0, 0).
+    shifts : (2, 2)
+        By which positions are beyond those on the grid; 0 unless a member can never arrive.
+    spacing : float
+        Distance of neighbouring nodes along an axis, in units of length.
+    step : float
+        Largest change of a coordinate in a time step, in units of length.
+    blocks : tuple of NodeBlock
+        Nodes of both members, along four axes, for steps 1 to N.
+    values : tuple of ndarray
+        Success probability at the nodes of each block, before losses of that step are drawn.
     """
 
-    origin: FloatArray  # (2,), position of node (0, 0)
-    shifts: FloatArray  # (2, 2), to positions from those on the grid; 0 if members can arrive
+    origin: FloatArray
+    shifts: FloatArray
     spacing: float
-    step: float  # largest change of a coordinate in a time step
-    blocks: tuple[NodeBlock, ...] = field(repr=False)  # of both members, for steps 1 to N
-    values: tuple[FloatArray, ...] = field(repr=False)  # before losses of that step are drawn
+    step: float
+    blocks: tuple[NodeBlock, ...] = field(repr=False)
+    values: tuple[FloatArray, ...] = field(repr=False)
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, max_nodes: int = _MAX_NODES) -> PairValueFunction:

@@ -30,14 +30,28 @@ MAX_NODES = 10_000_000  # maximum of any grid: three numbers each take 240 MB
 
 @dataclass(frozen=True)
 class Level:
-    """One grid of a refinement."""
+    """One grid of a refinement.
 
-    stride: int  # time steps per sample
-    reach: int  # nodes per sample
-    spacing: float  # side of a cell
-    nodes: int  # over all samples
-    bound: float  # below the risk of any guide, from the grids so far
-    seconds: float  # since the start of the refinement
+    Parameters
+    ----------
+    stride, reach : int
+        Time steps from one sample of a path to the next, and nodes by which a coordinate changes.
+    spacing : float
+        Side of a cell, in units of length.
+    nodes : int
+        Number of nodes over all samples.
+    bound : float
+        Lower bound on the risk of any guide, from the grids so far.
+    seconds : float
+        Since the start of the refinement.
+    """
+
+    stride: int
+    reach: int
+    spacing: float
+    nodes: int
+    bound: float
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -97,11 +111,26 @@ def certify(
 ) -> Certificate:
     """Bound on the risk of all guides, refined until it is within `gap` of the best known risk.
 
-    `best` is the risk of a known path of the relaxation, whose hazard provides
-    `single_agent_rates_below`; the `multiplier` is minus its derivative with respect to the
-    target's radius. Any value is valid; with a good one the bound converges to `best` as the square
-    of the spacing. It ends at a `gap` (best - bound) / best, after some seconds, or at a grid of
-    more than `max_nodes` nodes; the first has at most `first_nodes` if the stride can be chosen so.
+    Parameters
+    ----------
+    task : Relaxation
+        Its hazard must provide `single_agent_rates_below`.
+    best : float
+        Risk of a known path of the relaxation.
+    multiplier : float
+        Minus the derivative of that risk with respect to the target's radius. Any value is valid;
+        with a good one the bound converges to `best` as the square of the spacing.
+    gap : float
+        Value of (best - bound) / best at which to stop.
+    time_limit : float
+        Seconds; no grid is begun that is expected to exceed them.
+    first_nodes, max_nodes : int
+        Maximum number of nodes of the first grid, if the stride can be chosen so, and of any grid.
+
+    Returns
+    -------
+    Certificate
+        With a level for every grid, and no bound with limits of acceleration.
     """
     clock = Clock(time.monotonic() + time_limit)
     late = f"the next grid would exceed the time limit of {time_limit:.3g} s"

@@ -24,12 +24,22 @@ OUTCOME_BYTES = 1 << 26  # of a buffer of outcomes: bounds memory
 
 
 class Step(NamedTuple):
-    """S states of n members and how they move, before survival is drawn."""
+    """S states of n members and how they move, before survival is drawn.
 
-    weights: FloatArray  # (S,) probability of every state
-    survival: FloatArray  # (S, n) probability that a member survives the step
-    arrival: FloatArray  # (S, n) probability that it is absorbed if it does
-    alive: BoolArray  # (S, n) before the step
+    Parameters
+    ----------
+    weights : (S,)
+        Probability of every state.
+    survival, arrival : (S, n)
+        Probability that a member survives the step, and that it is absorbed if it does.
+    alive : (S, n) bool
+        Whether a member is alive before the step.
+    """
+
+    weights: FloatArray
+    survival: FloatArray
+    arrival: FloatArray
+    alive: BoolArray
 
 
 class Outcomes(NamedTuple):

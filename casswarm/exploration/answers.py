@@ -112,15 +112,31 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What is known so far about a question."""
+    """What is known so far about a question.
+
+    Parameters
+    ----------
+    question : Question
+    hazard_map : HazardMap, optional
+    guide : Guide, optional
+        With a lower bound on the risk once it is proven.
+    study : Study, optional
+        The largest study so far.
+    distribution : OutcomeDistribution, optional
+        With bounds that become narrower.
+    failure : str
+        Why there is no guide, or no success probability; empty if all is well.
+    done : bool
+        Whether nothing is added any more.
+    """
 
     question: Question
     hazard_map: HazardMap | None = None
-    guide: Guide | None = None  # with a lower bound on the risk once it is proven
-    study: Study | None = None  # the largest one so far
-    distribution: OutcomeDistribution | None = None  # with bounds that become narrower
-    failure: str = ""  # why there is no guide, or no success probability
-    done: bool = False  # nothing is added any more
+    guide: Guide | None = None
+    study: Study | None = None
+    distribution: OutcomeDistribution | None = None
+    failure: str = ""
+    done: bool = False
 
     @property
     def success(self) -> tuple[Interval, bool] | None:

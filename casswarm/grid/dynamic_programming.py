@@ -31,14 +31,22 @@ _ROUNDING = 64 * UNIT  # of a coordinate in a step of a path, relative
 class StageCosts:
     """Costs of visiting a node and of stopping there.
 
-    If `certified`, they are such that the least cost bounds the risk of every guide
-    (`Hazard.single_agent_rates_below`); else the rates at the nodes.
+    Parameters
+    ----------
+    grid : Grid
+    certified : bool
+        Whether costs are such that the least cost bounds the risk of every guide
+        (`Hazard.single_agent_rates_below`), or follow from the rates at the nodes.
+    multiplier : float
+        Weight of the distance to the target's rim in the terminal cost; see `terminal`.
+    inside : bool
+        Whether paths may stop only at nodes in the target zone, as real paths do.
     """
 
     grid: Grid
     certified: bool = True
-    multiplier: float = 0.0  # weight of the distance to the target's rim; see `terminal`
-    inside: bool = False  # whether paths stop only at nodes in the target zone, as real ones do
+    multiplier: float = 0.0
+    inside: bool = False
 
     @cached_property
     def nodes(self) -> Values:
@@ -107,9 +115,20 @@ class StageCosts:
 
 
 def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -> float:
-    """Bound on the rounding error of the cost of a path of at most a risk: docs/global-guide.md.
+    """Bound on the rounding error of a path's cost: docs/global-guide.md.
 
-    If costs are `interpolated` at its start, `risk` bounds that from the four nodes around.
+    Parameters
+    ----------
+    stage_costs : StageCosts
+    risk : float
+        Bound on the path's risk; on that of paths from the four nodes around, if `interpolated`.
+    interpolated : bool
+        Whether costs are interpolated at the start of the path.
+
+    Returns
+    -------
+    float
+        In the unit of the costs, a risk.
     """
     grid, task = stage_costs.grid, stage_costs.grid.task
     operations = 4 * len(grid.blocks) + 8 * len(task.hazard.radar_positions) + 256

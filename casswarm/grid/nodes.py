@@ -31,10 +31,18 @@ _NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positi
 
 
 class NodeBlock(NamedTuple):
-    """A rectangular block of nodes, along any number of axes."""
+    """A rectangular block of nodes, along any number of axes.
 
-    first: tuple[int, ...]  # indices of the first node
-    shape: tuple[int, ...]  # number of nodes along each axis
+    Parameters
+    ----------
+    first : tuple of int
+        Indices of the first node.
+    shape : tuple of int
+        Number of nodes along each axis.
+    """
+
+    first: tuple[int, ...]
+    shape: tuple[int, ...]
 
     @classmethod
     def between(cls, first: ArrayLike, last: ArrayLike) -> NodeBlock:
@@ -79,10 +87,18 @@ class NodeBlock(NamedTuple):
 
 
 class CellBlock(NamedTuple):
-    """A rectangle of cells, some of them active."""
+    """A rectangle of cells, some of them active.
 
-    first: tuple[int, ...]  # indices of the first node; node (0, 0) is the start
-    cells: BoolArray  # (n-1, m-1), active cells
+    Parameters
+    ----------
+    first : pair of int
+        Indices of the first node; node (0, 0) is the start.
+    cells : (n-1, m-1) bool
+        Active cells, between n x m nodes.
+    """
+
+    first: tuple[int, ...]
+    cells: BoolArray
 
     @classmethod
     def full(cls, nodes: NodeBlock) -> CellBlock:
@@ -143,11 +159,27 @@ def _split(block: CellBlock) -> Iterator[CellBlock]:
 def box_extremum(
     values: FloatArray, at: NodeBlock, to: NodeBlock, reach: int, *, largest: bool = False
 ) -> FloatArray:
-    """Least of the values at the nodes `at` within reach along every axis of the nodes `to`.
+    """Least value within reach along every axis, or the largest one.
 
-    Or the largest one; infinity, or -infinity, where no node is within reach. So with a reach of 0
-    it is the values, embedded. `scipy.ndimage.minimum_filter` gives the same numbers but takes
-    several times as long.
+    `scipy.ndimage.minimum_filter` gives the same numbers but takes several times as long.
+
+    Parameters
+    ----------
+    values : ndarray
+        At the nodes `at`, in the shape of that block.
+    at, to : NodeBlock
+        Nodes of the values and of the result, along the same axes.
+    reach : int
+        Number of nodes along each axis.
+    largest : bool
+        Whether to take the largest value instead of the least.
+
+    Returns
+    -------
+    ndarray
+        At the nodes `to`, in the shape of that block. Positions outside, where no node of `at` is
+        within reach, are filled with infinity, or with -infinity for the largest value; so with a
+        reach of 0 it is the values, embedded.
     """
     near = to.grown(reach).common(at)
     if 0 in near.shape:
@@ -204,17 +236,31 @@ class Relaxation:
     Without acceleration limits and arrival margin, with the excess of speed that the chain allows,
     and with the rest rounded outwards: a lower bound for all guides of the relaxation is one for
     all guides of the scenario, and for every member of a swarm.
+
+    Parameters
+    ----------
+    hazard : Hazard
+    start, center : (2,)
+        Positions of the start and of the target zone's centre.
+    radius : float
+        Of the target zone, in units of length; a guide arrives at its first step in the zone.
+    step, speed : float
+        s, the largest change of a coordinate in a time step, and a velocity that is never reduced.
+    steps, dt : int, float
+        N, the last time step, and the length of one.
+    least : LeastRate, optional
+        phi of the single-agent rate b, the least rate of a member of a swarm, instead of that rate.
     """
 
     hazard: Hazard
-    start: FloatArray  # (2,)
-    center: FloatArray  # (2,), of the target zone; a guide arrives at its first step in it
+    start: FloatArray
+    center: FloatArray
     radius: float
-    step: float  # s, the largest change of a coordinate in a time step
-    speed: float  # a velocity that is never reduced
-    steps: int  # N, the last time step
+    step: float
+    speed: float
+    steps: int
     dt: float
-    least: LeastRate | None = None  # phi: the least rate of a member of a swarm, instead of b
+    least: LeastRate | None = None
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
@@ -270,12 +316,23 @@ class Relaxation:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Nodes start + h (i, j) for every sample j = 1 .. ceil(N / m) of a path."""
+    """Nodes start + h (i, j) for every sample of a path.
+
+    Parameters
+    ----------
+    task : Relaxation
+    stride : int
+        m, time steps from one sample of a path to the next.
+    reach : int
+        k, nodes by which a coordinate changes from one sample to the next: h = m s / k.
+    blocks : tuple of tuple of CellBlock
+        For every sample 1 .. ceil(N / m) of a path, the blocks that it may visit.
+    """
 
     task: Relaxation
-    stride: int  # m, time steps from one sample of a path to the next
-    reach: int  # k, nodes by which a coordinate changes from one sample to the next: h = m s / k
-    blocks: tuple[tuple[CellBlock, ...], ...] = field(repr=False)  # for every sample
+    stride: int
+    reach: int
+    blocks: tuple[tuple[CellBlock, ...], ...] = field(repr=False)
 
     @classmethod
     def full(

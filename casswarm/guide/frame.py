@@ -41,10 +41,18 @@ _MIRRORED = str.maketrans("LR", "RL")
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Axes and an order of members."""
+    """Axes and an order of members.
 
-    matrix: FloatArray  # (2, 2), of `SYMMETRIES`: from the scenario's axes to those of the frame
-    order: IntArray  # (n,), member of the scenario for every member in the frame
+    Parameters
+    ----------
+    matrix : (2, 2)
+        One of `SYMMETRIES`, from the scenario's axes to those of the frame.
+    order : (n,) int
+        Member of the scenario for every member in the frame.
+    """
+
+    matrix: FloatArray
+    order: IntArray
 
     @classmethod
     def of_scenario(cls, scenario: Scenario, velocity: FloatArray) -> Frame:

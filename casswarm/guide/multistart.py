@@ -105,7 +105,19 @@ def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
     """Side on which a path passes every radar: L if it has the radar on its left, R on its right.
 
     The side is the sign of the angle that the path sweeps as seen from the radar, which
-    distinguishes a path (T+1, 2) that goes around a radar from one that turns before it.
+    distinguishes a path that goes around a radar from one that turns before it.
+
+    Parameters
+    ----------
+    positions : (T+1, 2)
+        Of the path.
+    radars : (k, 2)
+        Positions of the radars.
+
+    Returns
+    -------
+    str
+        A letter for every radar, in their order.
     """
     offset = positions[None] - radars[:, None]
     angle = np.unwrap(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
@@ -115,11 +127,21 @@ def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class GridPath:
-    """A path on the grid, without acceleration limits, to the target's rim or next to it."""
+    """A path on the grid, without acceleration limits.
 
-    positions: FloatArray  # (j+1, 2), from the start, every `stride` time steps
+    Parameters
+    ----------
+    positions : (j+1, 2)
+        From the start, every `stride` time steps, to the target's rim or next to it.
+    stride : int
+        Time steps from one position to the next.
+    homotopy : str
+        See `homotopy_signature`.
+    """
+
+    positions: FloatArray
     stride: int
-    homotopy: str  # see `homotopy_signature`
+    homotopy: str
 
     @property
     def arrival(self) -> int:
@@ -200,8 +222,17 @@ def preference(candidate: Candidate) -> tuple[bool, bool, float, str, float]:
 class Multistart:
     """Solves of one agent's guide problem, from several starts and for several arrival steps.
 
-    No solve starts after the deadline, a time of `time.monotonic`; solvers that can limit their
-    time end by then.
+    Parameters
+    ----------
+    scenario : Scenario
+    task : GuideTask
+        Of the agent.
+    solver : Solver
+    progress : Progress, optional
+        Receives what is being solved.
+    deadline : float
+        Time of `time.monotonic` after which no solve starts; solvers that can limit their time end
+        by then.
     """
 
     scenario: Scenario

@@ -465,8 +465,19 @@ _ITERATIONS = 300
 def alternative_plan(scenario: Scenario, plan: SwarmPlan, positions: FloatArray) -> SwarmPlan:
     """The better one of a plan for success and what a solve from other trajectories leads to.
 
-    There are few enough members for an exact distribution. The trajectories `positions` (T+1, n, 2)
-    are tracked as closely as the limits allow, to their ends.
+    Parameters
+    ----------
+    scenario : Scenario
+        Of few enough members for an exact distribution.
+    plan : SwarmPlan
+        For success.
+    positions : (T+1, n, 2)
+        Trajectories to track as closely as the limits allow, to their ends.
+
+    Returns
+    -------
+    SwarmPlan
+        Its outcomes include that of the solve, whichever plan is the better one.
     """
     task = JointTask.from_scenario(scenario, plan.initial_velocities)
     problem = JointProblem(scenario, task, JointForm(plan.n, task.steps, True, "success", False))

@@ -11,9 +11,21 @@ from ..typing import FloatArray
 
 
 def integrate(start: FloatArray, velocities: FloatArray, dt: float) -> FloatArray:
-    """Positions X(0..T), (T+1, ..., 2), of the dynamics X(t+1) = X(t) + dt V(t).
+    """Positions X(0..T) of the dynamics X(t+1) = X(t) + dt V(t).
 
-    `start` is X(0), (..., 2), of one agent or of several; `velocities` are V(0..T-1), (T, ..., 2).
+    Parameters
+    ----------
+    start : (..., 2)
+        X(0), of one agent or of several.
+    velocities : (T, ..., 2)
+        V(0..T-1).
+    dt : float
+        Length of a time step.
+
+    Returns
+    -------
+    (T+1, ..., 2)
+        X(0..T), rounded as in the chain.
     """
     positions = np.empty((len(velocities) + 1, *np.shape(start)))
     positions[0] = start

@@ -69,7 +69,13 @@ def call_error(name: str, step: int, text: str, **values: Any) -> PolicyCallErro
 def checked_state(
     name: str, step: int, positions: ArrayLike, velocities: ArrayLike, alive: ArrayLike
 ) -> States:
-    """Positions and velocities (B, n, 2) and the living (B, n) of a state or a batch of states."""
+    """Positions and velocities (B, n, 2) and the living (B, n) of a state or a batch of states.
+
+    Raises
+    ------
+    PolicyError
+        Shapes that do not fit, or numbers of the living that are not finite.
+    """
     x, v, living = np.asarray(positions, float), np.asarray(velocities, float), np.asarray(alive)
     shapes = [x.shape, v.shape, living.shape]
     if x.ndim not in (2, 3) or shapes != [x.shape, x.shape, x.shape[:-1]] or x.shape[-1] != 2:
@@ -97,7 +103,13 @@ def checked_state(
 
 
 def checked_decision(name: str, step: int, decision: Any, alive: BoolArray) -> Decision:
-    """Decision that the policy `name` returned, if it is one for all states (B, n)."""
+    """The decision that the policy `name` returned on states of living members (B, n).
+
+    Raises
+    ------
+    PolicyCallError
+        It is no `Decision`, or its velocities or counts are not those of all states.
+    """
     if not isinstance(decision, Decision):
         text = "decide_batch must return a Decision, such as Decision.plain(velocities)"
         raise call_error(name, step, f"returned {_described(decision)} at step {step}; {text}")
@@ -113,7 +125,13 @@ def checked_decision(name: str, step: int, decision: Any, alive: BoolArray) -> D
 
 
 def checked_velocities(name: str, step: int, velocities: Any, alive: BoolArray) -> FloatArray:
-    """Copy of the velocities (B, n, 2) that the policy `name` returned, zero for the destroyed."""
+    """Copy of the velocities (B, n, 2) that the policy `name` returned, zero for the destroyed.
+
+    Raises
+    ------
+    PolicyCallError
+        Velocities that are not numbers, of the wrong shape, or not finite for a living member.
+    """
     try:
         checked = np.asarray(velocities, dtype=float)
     except (TypeError, ValueError) as error:

@@ -59,6 +59,16 @@ class FormationPolicy(Policy):
     With a horizon H > 1 they are receding-horizon (MPC) policies: they solve the problem of the
     next H steps and apply the first. The horizon ends with the guide, so it shrinks towards the
     guide's arrival.
+
+    Parameters
+    ----------
+    hazard : Hazard
+    motion : Motion
+    guide : Guide
+    solver : Solver
+        Of the formation problems.
+    horizon : int
+        Number of steps H, from 1.
     """
 
     hazard: Hazard
@@ -253,7 +263,17 @@ _TIE = 1e-9  # relative difference of risks that counts as a tie; the lower inde
 
 @dataclass(frozen=True, eq=False)
 class FeedbackPolicy(Policy):
-    """Base of the policies that solve formation problems around the feedback guide."""
+    """Base of the policies that solve formation problems around the feedback guide.
+
+    Parameters
+    ----------
+    hazard : Hazard
+    motion : Motion
+    value : ValueFunction
+        Of the feedback guide.
+    solver : Solver
+        Of the formation problems.
+    """
 
     hazard: Hazard
     motion: Motion

@@ -166,7 +166,13 @@ def estimate(
     seed : int
         From 0 to 2^64 - 1.
     accuracy, execution, **plain
-        As in `evaluate`, for the enumerated part, with `tolerance`, by default 1e-3.
+        Values of `Accuracy` and `Execution`, in these records or as plain keywords:
+
+        - `tolerance`, by default 1e-3, and `max_states`, as in `evaluate`, for the enumerated part.
+        - `aggregation_tol`, the largest spacing of the lattice of positions, in units of length, as
+          in `evaluate`, for both parts.
+        - `progress`: True for progress bars, or a function (see `Progress`) that receives the
+          policy's name and the enumerated probability mass, of a total of 1.
 
     Returns
     -------
