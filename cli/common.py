@@ -1,4 +1,4 @@
-"""What commands share: errors, work, scenarios with changed values, policies by name, executors."""
+"""Helpers of commands: errors, work, scenarios with changed values, policies by name, executors."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _FREE = "free some space, then continue with --resume"
 
 @dataclass
 class SavedWork:
-    """What a study has saved by the time it fails.
+    """Work that a study has saved by the time it fails.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def named_solver(name: str) -> csw.Solver:
 
 
 def _user_object(name: str) -> Any:
-    """What ``module:name`` names, of a module in the current folder or an installed one."""
+    """Load ``module:name`` from a module in the current folder, or an installed one."""
     here = Path.cwd()
     return load_code(name, here if module_file(name, here) else None)
 

@@ -77,7 +77,7 @@ def comparison_text(comparison: csw.Comparison) -> str:
 
 @dataclass(frozen=True)
 class CompareOutput(ResultOptions):
-    """What is written and printed."""
+    """Options of written and printed output."""
 
     out: Path | None = out_option("[default: results/compare]")
 
@@ -227,7 +227,7 @@ def _problems(selection: CompareOptions, quiet: bool) -> list[str | csw.Problem]
 def _agreement(
     folder: ResultsFolder, comparison: csw.Comparison, earlier: csw.Comparison
 ) -> Agreement:
-    """Whether both agree; written as a table, and added to the record."""
+    """Compare both; write the agreement as a table, and add it to the record."""
     agreement = comparison.agreement(earlier)
     folder.write_tables(agreement=agreement.table)
     result = {

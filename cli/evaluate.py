@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EstimateOptions:
-    """How the rest of a distribution is sampled."""
+    """Options of sampling the rest of a distribution."""
 
     runs: int | None = option(
         "Estimate the probability that enumeration leaves from this number of runs: a 95 % "

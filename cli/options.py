@@ -200,7 +200,7 @@ def allow_code_option() -> Any:
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """What a command writes and prints."""
+    """Options of written and printed output."""
 
     out: Path | None = out_option()
     as_json: bool = option("Print the result as JSON.", "--json")
@@ -223,7 +223,7 @@ class ScenarioInput:
 
 @dataclass(frozen=True)
 class FigureOptions:
-    """How figures are drawn."""
+    """Format, width and resolution of figures."""
 
     format: Literal["png", "pdf", "svg"] = option("File format of the figures.", default="png")
     width: Literal["column", "page", "slide"] = option(
@@ -238,7 +238,7 @@ class FigureOptions:
 
 @dataclass(frozen=True)
 class DrawingOptions(FigureOptions):
-    """Whether figures are drawn, and how."""
+    """Options of drawing figures, or none."""
 
     no_figures: bool = option("Draw no figures; casswarm plot draws them later.")
 
@@ -259,7 +259,7 @@ class CommonOptions(ResultOptions, ScenarioInput, OutputOptions):
 
 @dataclass(frozen=True)
 class VerboseOptions:
-    """How much is said."""
+    """Verbosity of a command."""
 
     verbose: bool = option(
         "Print Ipopt's iterations and all log messages, with the names of their loggers."
@@ -308,7 +308,7 @@ class PolicyOptions:
 
 @dataclass(frozen=True)
 class GuideOptions:
-    """How the guide is planned."""
+    """Options of planning the guide."""
 
     search: Literal["local", "global"] | None = option(
         "Optimize the guide from the straight line only, or also from the best path of every "
@@ -327,7 +327,7 @@ class GuideOptions:
 
 @dataclass(frozen=True)
 class ExactOptions:
-    """How far outcome distributions are enumerated."""
+    """Accuracy and limits of enumerating outcome distributions."""
 
     tolerance: float = option(
         "Width of the probability bounds.", type=Number(0, 1, max_open=True), default=1e-3
@@ -373,5 +373,5 @@ class StudyOptions:
 
     @property
     def if_exists(self) -> Literal["error", "resume", "overwrite"]:
-        """What happens to an unfinished study in the folder."""
+        """Treatment of an unfinished study in the folder."""
         return "resume" if self.resume else "overwrite" if self.overwrite else "error"

@@ -1,4 +1,4 @@
-"""What commands print: results, and on standard error progress and log messages."""
+"""Output of commands: results, and on standard error progress and log messages."""
 
 from __future__ import annotations
 

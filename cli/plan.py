@@ -60,7 +60,7 @@ def plan_text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | No
 
 
 def _limits(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
-    """What limited the search for the guide, and the options without these limits."""
+    """Limits of the search for the guide, and the options that lift them."""
     limits = {}
     if guide.search == "local":
         limits["a local search"] = "--search global"
@@ -120,7 +120,7 @@ def _certificate(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class PlanOptions(GuideOptions):
-    """Which guide is planned."""
+    """Options of the guide to plan."""
 
     acceleration_limited: bool | None = option(
         "Limit the guide's acceleration to a_max. [default: set by the scenario]",
@@ -131,7 +131,7 @@ class PlanOptions(GuideOptions):
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """What solves the problem, and how the lower bound on the risk is computed."""
+    """Options of the solver, and of the lower bound on the risk."""
 
     solver: str = solver_option(
         "Solver of the guide problem; casswarm solvers lists them. With projected-gradient the "
@@ -261,7 +261,7 @@ _RUNS = 2000  # that estimate the success of a swarm too large for an exact dist
 
 @dataclass(frozen=True)
 class SwarmPlanOptions:
-    """How the swarm is planned."""
+    """Options of planning the swarm."""
 
     objective: Literal["success", "arrivals", "survivors"] = option(
         "Maximise the probability that at least one member arrives, the mean number of arrivals, "

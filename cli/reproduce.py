@@ -34,7 +34,7 @@ class _Selection(OutputOptions):
 
 @dataclass(frozen=True)
 class ReproduceOptions(ResultOptions, _Selection):
-    """What is reproduced, written and printed."""
+    """Options of the parts to reproduce, and of their output."""
 
     out: Path | None = out_option("[default: results/reproduce]")
 

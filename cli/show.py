@@ -28,7 +28,7 @@ from .output import open_folder, progress_report, say
 
 @dataclass(frozen=True)
 class PlotOptions(SavedRunOptions):
-    """Which figures are drawn, and where."""
+    """Figures to draw, and their folder."""
 
     names: tuple[str, ...] = option(
         "Draw only this figure, named by its file without the suffix. Repeatable. [default: all]",
@@ -79,7 +79,7 @@ def plot(selection: PlotOptions, figures: FigureOptions) -> None:
 
 @dataclass(frozen=True)
 class AnimationOptions(SavedRunOptions):
-    """Which run is animated, and how."""
+    """Run to animate, and options of the animation."""
 
     policy: str | None = option(
         "Policy whose run is animated. [default: the last one simulated]", metavar="NAME"
@@ -143,7 +143,7 @@ def animate(animation: AnimationOptions) -> None:
 
 @dataclass(frozen=True)
 class ExploreOptions(ScenarioInput):
-    """What is explored, and where."""
+    """Scenario to explore, and options of its page."""
 
     scenario: str = scenario_argument(default="crossfire", required=False)
     policy: str = policy_option(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """What is simulated and saved."""
+    """Options of the runs to simulate, and of their output."""
 
     runs: int | None = option("Number of runs per policy. [default: 1000]", type=COUNT)
     half_width: float | None = option(

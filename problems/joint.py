@@ -83,7 +83,7 @@ class JointForm:
 
     @property
     def outside(self) -> bool:
-        """Whether members stay outside the target until their arrival step."""
+        """True if members stay outside the target until their arrival step."""
         return self.objective == "arrivals"
 
 

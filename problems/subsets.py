@@ -44,7 +44,7 @@ class Subsets:
 
     @cached_property
     def stages(self) -> tuple[IntArray, ...]:
-        """For every stage i, the masks d (2^i, 3^(n-i-1)) of its probabilities q_i(d)."""
+        """Masks d (2^i, 3^(n-i-1)) of the probabilities q_i(d) of every stage i."""
         stages = []
         for i in range(self.n):
             later = _outcomes(self.n - i - 1)

@@ -166,7 +166,7 @@ class Checkpoint:
 
     @staticmethod
     def _is_of_study(path: Path) -> bool:
-        """Whether a file is one that a study wrote: a whole record, or known by its name."""
+        """Return True if a study wrote the file: it is a whole record, or known by its name."""
         if not is_regular(path):
             return False
         if path.name == "finished":
@@ -237,7 +237,7 @@ def opened(
 
 
 def has_records(folder: Path, since: float = 0.0) -> bool:
-    """Whether a folder holds records that were saved after a time of `time.time`."""
+    """Return True if a folder holds records that were saved since a time of `time.time`."""
     records = (path for path in (folder / _FOLDER).glob("*.npz") if not is_partial(path))
     return any(path.stat().st_mtime >= since for path in records)
 

@@ -130,7 +130,7 @@ class Channel:
 
     @property
     def waiting(self) -> bool:
-        """Whether there is a request that was not yielded yet."""
+        """True if there is a request that was not yielded yet."""
         return not self._requests.empty()
 
     def send(self, answer: bytes) -> None:

@@ -52,7 +52,7 @@ def markdown_table(table: pd.DataFrame) -> str:
 
 
 def _numeric(table: pd.DataFrame) -> list[bool]:
-    """Which columns hold numbers, also as text; empty cells do not count."""
+    """Test each column for numbers, also as text; empty cells do not count."""
     columns = (map(str, table.iloc[:, k]) for k in range(table.shape[1]))
     return [all(not cell or _NUMBER.match(cell) for cell in column) for column in columns]
 

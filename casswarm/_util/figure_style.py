@@ -63,7 +63,7 @@ class Theme:
 
     @property
     def narrow(self) -> bool:
-        """Whether panels and legends are stacked."""
+        """True if panels and legends are stacked."""
         return self.width < 5
 
     @property

@@ -92,7 +92,7 @@ def _prefix() -> str:
 
 
 def is_alive(process: int) -> bool:
-    """Whether a process of this computer runs; True where that cannot be asked without risk."""
+    """Return True if a process of this computer runs, or if it is not safe to ask."""
     if os.name != "posix":
         return True
     try:
@@ -166,7 +166,7 @@ def atomic_write(
 
 
 def is_regular(path: Path) -> bool:
-    """Whether a path is a regular file, and not a link to one."""
+    """Return True if a path is a regular file, and not a link to one."""
     return path.is_file() and not path.is_symlink()
 
 
@@ -221,7 +221,7 @@ def remove_partial(path: Path) -> None:
 
 
 def is_partial(path: Path) -> bool:
-    """Whether a file is the temporary file of an `atomic_write` that was killed."""
+    """Return True if a file is the temporary file of an `atomic_write`."""
     return path.name.startswith(_PREFIX)
 
 

@@ -1,4 +1,4 @@
-"""How exact an answer is, and how it is computed: keywords that the main functions share."""
+"""Settings of accuracy and execution: keyword arguments that the main functions share."""
 
 from __future__ import annotations
 
@@ -85,14 +85,14 @@ class SavedKeywords(TypedDict, total=False):
 
 
 class EvaluationKeywords(SavedKeywords, total=False):
-    """Those of functions with `Accuracy`, too, whose tolerance is an argument of its own."""
+    """Plain keywords of functions that take `Accuracy` and have an argument `tolerance`."""
 
     max_states: int | None
     aggregation_tol: float | None
 
 
 class Keywords(EvaluationKeywords, total=False):
-    """Those of functions without arguments of these names."""
+    """Plain keywords of functions that have no arguments `tolerance` and `workers`."""
 
     tolerance: float
     workers: Workers

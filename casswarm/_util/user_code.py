@@ -160,7 +160,7 @@ def _reason(error: BaseException, folder: Path | None) -> str:
 
 
 def is_defined_in(found: Any, folder: Path) -> bool:
-    """Whether a function or class is defined in a module that was loaded from a folder."""
+    """Return True if a function or class is defined in a module that was loaded from a folder."""
     module = getattr(found, "__module__", None)
     origin = getattr(sys.modules.get(module or ""), "__file__", None)
     return origin is not None and Path(origin).is_relative_to(folder.resolve())

@@ -161,11 +161,11 @@ class Region:
 
     @property
     def sparse(self) -> bool:
-        """Whether most nodes of the blocks belong to no cell of the region."""
+        """True if most nodes of the blocks belong to no cell of the region."""
         return sum(block.nodes.size for block in self.blocks) > 4 * self.size + 1000
 
     def halved(self) -> Region:
-        """The same paths, with cells of half the side."""
+        """Region of the same paths, with cells of half the side."""
         blocks = tuple(block.halved() for block in self.blocks)
         return replace(self, reach=2 * self.reach, blocks=blocks)
 
@@ -276,7 +276,7 @@ class DualFunction:
 
     @property
     def _free(self) -> bool:
-        """Whether the first velocity is free."""
+        """True if the first velocity is free."""
         return math.isinf(self._limits.first)
 
     @cached_property

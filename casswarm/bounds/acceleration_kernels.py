@@ -30,7 +30,7 @@ def compile_kernels() -> None:
 def _window_minimum(
     values: FloatArray, source: IntArray, window: IntArray, reach: int, out: FloatArray
 ) -> None:
-    """At the nodes of a window, the least of a source's values within reach: twice (G4)."""
+    """Write the least of a source's values within reach of the nodes of a window: twice (G4)."""
     rows, columns = source[2], source[3]
     along = np.empty(rows * window[3])
     scratch = np.empty((2, max(rows, columns), LANES))

@@ -276,7 +276,7 @@ class LevelGame:
 
     @cached_property
     def _least_slopes(self) -> FloatArray:
-        """For 1, ..., n alive, the least ratio of risk and drop; not increasing."""
+        """Least ratios of risk and drop with 1, ..., n alive; not increasing."""
         slopes = [float(np.diff(self._risks(k), axis=1).min()) for k in range(1, self.members + 1)]
         return np.asarray(np.minimum.accumulate(slopes) / self.spacing * (1 - 1e-9))
 
@@ -346,7 +346,7 @@ class Choice(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """How much to compute; see `success_bound`."""
+    """Limits of the computation and its accuracy; see `success_bound`."""
 
     max_nodes: int  # of a potential, over all steps
     max_work: float  # largest number of values that a game looks up, about; finite

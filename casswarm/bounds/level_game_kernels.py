@@ -49,7 +49,7 @@ def limit_slope(values: FloatArray, straight: float, diagonal: float) -> None:
 
 
 class Moves(NamedTuple):
-    """What a step costs with k members alive before it.
+    """Survival and interpolation terms of a step with k members alive before it.
 
     The density of the neighbours is in units of which S - 1 are all k - 1 of them at no distance.
     """

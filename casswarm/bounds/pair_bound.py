@@ -31,7 +31,7 @@ _PROTECTION = 0.5  # by a member at the margin beyond reach of the target, relat
 
 @dataclass(frozen=True)
 class PairLevel:
-    """One grid: nodes per step of a coordinate, joint nodes, bound, and seconds so far."""
+    """Grid of pairs: nodes per step of a coordinate, joint nodes, bound, and seconds so far."""
 
     reach: int
     nodes: int

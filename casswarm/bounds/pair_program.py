@@ -452,7 +452,7 @@ class PairProgram:
     def _leavers(
         self, step: int, block: NodeBlock, values: FloatArray
     ) -> Iterator[tuple[int, FloatArray, BoolArray, FloatArray]]:
-        """For every member that may leave the tube's rectangle: its number, values, and nodes.
+        """Yield each member that may leave the tube's rectangle: its number, values, and nodes.
 
         The values have the member's axes first; the last array is what the other one, at its nodes,
         can then have at most.

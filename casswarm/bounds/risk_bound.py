@@ -30,7 +30,7 @@ MAX_NODES = 10_000_000  # maximum of any grid: three numbers each take 240 MB
 
 @dataclass(frozen=True)
 class Level:
-    """One grid of a refinement.
+    """Grid of a refinement.
 
     Parameters
     ----------
@@ -182,13 +182,13 @@ def _refined(
 
 
 def _totals(stage_costs: StageCosts, to_go: Values) -> Iterator[list[FloatArray]]:
-    """For every step, the least cost of the paths through every node."""
+    """Yield for every step the least cost of the paths through every node."""
     for come, go in zip(costs_to_come(stage_costs), to_go, strict=True):
         yield [a + b for a, b in zip(come, go, strict=True)]
 
 
 def _strided_totals(stage_costs: StageCosts, to_go: Values) -> Iterator[list[FloatArray]]:
-    """For the steps of every sample, a bound on the risk of the guides near every node.
+    """Yield for the steps of every sample a bound on the risk of the guides near every node.
 
     All samples of a guide's m paths taken within those steps are within k nodes of its position at
     any of them; a path that has already ended took its last sample within 2 k.

@@ -69,7 +69,7 @@ class SuccessBound:
 
     @property
     def certified(self) -> bool:
-        """Whether a bound is proven."""
+        """True if a bound is proven."""
         return not self.reason
 
     @property
@@ -197,7 +197,7 @@ def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatA
 
 
 def _lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatArray:
-    """The same for starts from which the target can be reached."""
+    """Lower bounds of the risk from starts from which the target can be reached."""
     grid = Grid.finest(task, max_nodes, starts)
     stage_costs = StageCosts(grid, multiplier=_multiplier(task))
     to_go = costs_to_go(stage_costs)

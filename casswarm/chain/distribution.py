@@ -86,7 +86,7 @@ class OutcomeDistribution(Displayed):
 
     @property
     def complete(self) -> bool:
-        """Whether the bounds are as narrow as requested."""
+        """True if the bounds are as narrow as requested."""
         return self.residual_mass <= self.tolerance
 
     @property
@@ -121,7 +121,7 @@ class OutcomeDistribution(Displayed):
 
     @property
     def advice(self) -> str:
-        """How to narrow bounds that are wider than requested; empty if they are not."""
+        """Advice on narrowing bounds that are wider than requested; empty if they are not."""
         if self.complete:
             return ""
         return (

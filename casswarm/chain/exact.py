@@ -44,7 +44,7 @@ _PER_STATE = 32  # largest number of outcomes before that, per state that may be
 
 @dataclass(frozen=True)
 class ExpansionOptions:
-    """What an expansion may spend, and how precise it should be.
+    """Limits and tolerances of an expansion.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class StateSpaceExpansion:
 
     @property
     def done(self) -> bool:
-        """Whether the bounds are narrow enough, or cannot be narrowed."""
+        """True if the bounds are narrow enough, or cannot be narrowed."""
         mass, pruned = self.frontier.mass, float(self.pruned.sum())
         tolerance = self.options.tolerance
         return (

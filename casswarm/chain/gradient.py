@@ -47,7 +47,7 @@ class Adjoints(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Of a state with k living members and its 2^k - 1 outcomes in which the run goes on.
+    """Buffers for a state with k living members and its 2^k - 1 outcomes in which the run goes on.
 
     The number of an outcome has bit j set if the j-th living member survives.
     """

@@ -39,7 +39,7 @@ _UNIT = 2.0**-53
 
 
 class Purpose(IntEnum):
-    """What random numbers are for: every purpose has streams of its own."""
+    """Purpose of random numbers: every purpose has streams of its own."""
 
     RUNS = 0
     PILOT = 1

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Family:
-    """How the problems of a family are made, and what a comparison has to know of them.
+    """Family of problems: their generator, their description and their sampling units.
 
     Parameters
     ----------

@@ -145,7 +145,7 @@ def _perturbed(problem: Problem, number: int, rng: np.random.Generator) -> Probl
 
 
 def is_structured(problem: Problem) -> bool:
-    """Whether a special solver exploits the problem's form."""
+    """Return True if the problem has a form that a special solver can exploit."""
     sets = (start.feasible_set for start in problem.starts.values())
     return bool(problem.nlp.attachments) or any(each is not None for each in sets)
 

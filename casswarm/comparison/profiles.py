@@ -119,7 +119,7 @@ def ranks(scores: ArrayLike) -> FloatArray:
 
 
 def rank_probabilities(resampled: ArrayLike) -> FloatArray:
-    """How often each of S solvers has each rank, by scores (R, S) in R resamples, the least first.
+    """Probability of each rank of S solvers, by scores (R, S) in R resamples, the least first.
 
     Row s, column k of the result (S, S) is the fraction of the resamples in which solver s has rank
     k + 1. Solvers with equal scores share their ranks. Rows and columns sum to one.
@@ -131,7 +131,7 @@ def rank_probabilities(resampled: ArrayLike) -> FloatArray:
 
 
 def _degrees_of_freedom(variances: FloatArray, sizes: IntArray) -> FloatArray:
-    """Those of a sum (K,) of estimated variances (H, K) from H samples (Satterthwaite 1946)."""
+    """Degrees of freedom of sums (K,) of H estimated variances (H, K) (Satterthwaite 1946)."""
     squares = (variances**2 / (sizes[:, None] - 1)).sum(axis=0)
     full = np.full(len(squares), float((sizes - 1).sum()))
     np.divide(variances.sum(axis=0) ** 2, squares, out=full, where=squares > 0)

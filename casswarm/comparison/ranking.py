@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def sampling_units(family: str, problems: Iterable[str]) -> list[str]:
-    """What is drawn when a problem is, for each problem: itself, or its `Family.unit`."""
+    """Sampling unit of each problem: the problem itself, or its `Family.unit`."""
     record = FAMILIES.get(family)
     if record is None or record.unit is None:
         return list(problems)
@@ -239,7 +239,7 @@ _LEFT_OUT = ("problems.", "record_iterates")  # of the inputs that are compared
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Agreement:
-    """Whether two comparisons agree, by every criterion of a ranking.
+    """Agreement of two comparisons, by every criterion of a ranking.
 
     Ranks are those among the solvers of both. A row agrees if the rank in each comparison is among
     those that the other one gives the solver with 95 %, `rank_low` to `rank_high` of
@@ -268,7 +268,7 @@ class Agreement:
 
     @property
     def agrees(self) -> bool:
-        """Whether all rows do."""
+        """True if all rows agree."""
         return bool(self.table["agrees"].all())
 
     @property
@@ -347,7 +347,7 @@ def _rankings(comparison: Comparison, common: set[tuple[str, str, str]]) -> pd.D
 
 
 def _within(table: pd.DataFrame, value: str, low: str, high: str) -> pd.Series:
-    """Whether the value of each comparison is in the interval of the other."""
+    """Mask of the rows in which each comparison's value is in the interval of the other."""
     there = table[f"{value}_other"].between(table[low], table[high])
     return there & table[value].between(table[f"{low}_other"], table[f"{high}_other"])
 

@@ -183,7 +183,7 @@ def _notes(problems: pd.DataFrame) -> list[str]:
 
 
 def _description(family: str, part: pd.DataFrame) -> str:
-    """What the problems of a family are, and the values of their traits."""
+    """Description of the problems of a family, and the values of their traits."""
     traits = part.drop(columns=["family", "problem", "variables", "constraints"])
     traits = traits.dropna(axis=1, how="all")
     values = [f"{_spaced(str(name))}: {_values(column)}" for name, column in traits.items()]

@@ -46,7 +46,7 @@ COLUMNS = ("family", "problem", "start", "solver", "iteration", "seconds", "obje
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Convergence(Displayed):
-    """How the solvers approached the best known objective of a problem; `plot` draws it.
+    """Convergence of the solvers to the best known objective of a problem; `plot` draws it.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ class Comparison(Displayed):
 
     @property
     def tolerances(self) -> Tolerances:
-        """What counts as solved."""
+        """Tolerances within which an answer counts as solved."""
         return Tolerances(**self.inputs["tolerances"])
 
     @cached_property
@@ -212,7 +212,7 @@ class Comparison(Displayed):
         return _convergence(self, problem, start)
 
     def agreement(self, other: Comparison) -> Agreement:
-        """Whether another comparison ranks the solvers within this one's error bars.
+        """Test if this and another comparison rank the solvers within each other's error bars.
 
         Parameters
         ----------

@@ -65,7 +65,7 @@ def _processor() -> str:
 
 
 def warm_up(problems: Sequence[Problem]) -> tuple[Nlp, Instances]:
-    """What each process of a solver solves first, untimed, if it can: a small problem.
+    """Small problem that each process of a solver solves first, untimed, if it can.
 
     Where problems have a form that special solvers exploit, it is the first of a registered family,
     so that these solvers take it too; without any, no family is imported.

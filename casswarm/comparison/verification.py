@@ -26,7 +26,7 @@ SHIFT = 1e-3
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What counts as solved; all bound residuals that are recomputed from the problem.
+    """Tolerances of solutions; all bound residuals that are recomputed from the problem.
 
     Answers are tested in two ways: by absolute residuals, which decide whether a problem is solved,
     and by `casswarm.nlp.residuals.relative_error`, which does not depend on units, at two
@@ -107,7 +107,7 @@ def verify(runs: pd.DataFrame, tolerances: Tolerances) -> pd.DataFrame:
 
 
 def gap_unit(best_objective: pd.Series, objective_scale: pd.Series) -> pd.Series:
-    """What gaps of the objective are relative to."""
+    """Unit of relative gaps of the objective."""
     return best_objective.abs().clip(lower=1e-3 * objective_scale)
 
 

@@ -89,7 +89,7 @@ class Kernel:
 
     @property
     def is_loaded(self) -> bool:
-        """Whether there is machine code in this process, for calls from Python."""
+        """True if there is machine code in this process, for calls from Python."""
         return bool(self.entry.overloads)
 
     @property
@@ -99,7 +99,7 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """What Numba's type inference takes a kernel for."""
+        """Type of a kernel in Numba's type inference."""
         return self.linked._numba_type_
 
 
@@ -134,10 +134,10 @@ def objective(function: _Function) -> _Function:
 
 
 def specialised(definitions: str, *kernels: Callable[..., Any], reordering: bool = False) -> str:
-    """Text of a module of functions, and of copies of kernels, which call these by their names.
+    """Source text of a module: definitions of functions, and kernels that call them by name.
 
-    So a kernel is written once, with others in their place, and compiled for any definitions; where
-    its loops are `reordering`, with sums in any order.
+    Each kernel is thus written once, with functions that stand for these, and compiled for any
+    definitions of them; with `reordering`, the sums in its loops may be taken in any order.
     """
     copies = "\n\n".join(map(getsource, kernels))
     if reordering:

@@ -1,4 +1,4 @@
-"""How kernels are compiled: those that kernels call are linked into them, and optimised once.
+"""Compilation of kernels: those that kernels call are linked into them, and optimised once.
 
 By default, Numba optimises a function with all that it calls and generates its machine code, and
 does the same in every function that calls it. It also generates wrappers for calls from Python,
@@ -199,7 +199,7 @@ class _Callback(CFunc):
     type: Any = None
 
     def __wrapper_address__(self) -> int | None:
-        """Where Numba calls it, without comparing signatures first."""
+        """Address at which Numba calls it, without comparing signatures first."""
         return self.address
 
 

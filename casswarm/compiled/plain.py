@@ -1,4 +1,4 @@
-"""How kernels are compiled where Numba's inside has changed: with its public functions only.
+"""Compilation of kernels where Numba's internals have changed: by its public functions only.
 
 The functions are those of `casswarm.compiled.linking`, the numbers too; compiling takes twice as
 long. Compiled code is kept by Numba's own cache, in a private folder for each state of the sources,

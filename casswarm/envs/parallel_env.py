@@ -1,4 +1,4 @@
-"""One swarm as a PettingZoo `ParallelEnv`, an agent for every member."""
+"""PettingZoo `ParallelEnv` of one swarm, with an agent for every member."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Swarms(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """Where B swarms move."""
+    """Motion of B swarms in a step: new positions, velocities, and rates."""
 
     positions: FloatArray  # (B, n, 2), X(t+1)
     velocities: FloatArray  # (B, n, 2), V(t)
@@ -58,7 +58,7 @@ class Limits(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """How a step ended: whether a member arrived, whether the run is over, and who is left."""
+    """Outcome of a step: arrival of a member, end of the run, and survivors."""
 
     success: BoolArray
     ended: BoolArray

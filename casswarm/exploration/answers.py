@@ -103,7 +103,7 @@ class Superseded(Exception):  # noqa: N818  (no failure)
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked: the success of a policy on a scenario."""
+    """Question about the success of a policy on a scenario."""
 
     version: int  # larger ones are newer
     scenario: Scenario
@@ -112,7 +112,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What is known so far about a question.
+    """Partial or complete answer to a question.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ class Inquiry:
 
 
 def is_near(scenario: Scenario, guide: Guide) -> bool:
-    """Whether a search can start from the guide of another scenario."""
+    """Return True if a search can start from the guide of another scenario."""
     best = guide.best_per_homotopy_class()
     return (
         guide.search == scenario.guide.search == "global"
@@ -345,7 +345,7 @@ class Worker:
             _later(IDLE, self._end_if_idle, answer.question.version)
 
     def _is_late(self, question: Question) -> bool:
-        """Whether the process works on an older question although its guide is out."""
+        """Return True if the process works on an older question although its guide is out."""
         with self._lock:
             latest = self._latest
             return (

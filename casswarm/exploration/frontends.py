@@ -1,4 +1,4 @@
-"""What shows a session: the widget of a notebook, and the local page.
+"""Front ends of a session: the notebook widget, and the local page.
 
 The page has a server for this computer alone, at a random port and under a random token.
 """
@@ -89,7 +89,7 @@ def page_server(session: Session) -> Iterator[str]:
 
 
 class _Pages:
-    """What a server answers: files of the page, and its messages.
+    """Request handlers of the server: files of the page, and its messages.
 
     A request needs the token in its path and the server's own name as its host, so that pages of
     other sites reach nothing.

@@ -49,12 +49,12 @@ class History:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is an earlier state."""
+        """True if there is an earlier state."""
         return self._index > 0
 
     @property
     def can_redo(self) -> bool:
-        """Whether a state was undone."""
+        """True if there is an undone state."""
         return self._index + 1 < len(self._moments)
 
     def append(self, moment: Moment) -> bool:

@@ -172,7 +172,7 @@ class View:
 
 
 def _same(first: object, second: object) -> bool:
-    """Whether tokens are the same objects, or equal plain values."""
+    """Return True if tokens are the same objects, or equal plain values."""
     if isinstance(first, tuple) and isinstance(second, tuple):
         return all(map(_same, first, second))
     plain = isinstance(first, str | int | bool | None)
@@ -180,7 +180,7 @@ def _same(first: object, second: object) -> bool:
 
 
 def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
-    """What a page shows, by name: what it depends on, and the function that makes it."""
+    """Parts of a page, by name: the token of its state, and the function that makes it."""
     present, good = session.answer, session.last_good
     history = session.history
     state = (session.scenario, session.policy, history.can_undo, history.can_redo)

@@ -160,7 +160,7 @@ class Closeup:
             self.artists.append(add_label(self.axes, _ranges(near), point, place, **style))
 
     def _near(self, offsets: FloatArray, point: FloatArray, members: IntArray) -> IntArray:
-        """Those of `members` that are close to a point."""
+        """Members among `members` that are close to a point."""
         distances = np.hypot(*(offsets[members] - point).T)
         return np.asarray(members[distances < _NEAR * self.half])
 
@@ -183,7 +183,7 @@ def formation_centers(trajectory: RunTrajectory, guide: Guide | None) -> FloatAr
 
 
 def follows_guide(trajectory: RunTrajectory, guide: Guide, rho: float) -> bool:
-    """Whether at most steps a member is within twice the square root of `rho` of the guide."""
+    """Return True if the median of a run's least distances to the guide is <= 2 sqrt(`rho`)."""
     distances = [
         np.hypot(*(trajectory.positions[step][alive] - guide.reference(step)).T).min()
         for step, alive in enumerate(trajectory.alive)

@@ -216,7 +216,7 @@ def with_errors(rows: pd.DataFrame, name: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _kind(table: pd.DataFrame) -> str:
-    """What the numbers of a single scenario are."""
+    """Describe the numbers of a single scenario: exact, sampled, or both."""
     if "runs" not in table:
         return "exact distribution, lower and upper bounds"
     runs = f"{int(table['runs'].min()):,} runs per policy, 95 % intervals"

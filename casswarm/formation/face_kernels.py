@@ -130,7 +130,7 @@ GRADIENT, DIRECTION, TRIAL, TRIAL_GRADIENT, STEP, RESIDUAL, CONJUGATE, PRODUCT =
 
 
 class Problem(NamedTuple):
-    """One state's problem: an objective over a product of n planar sets.
+    """Formation problem of one state: an objective over a product of n planar sets.
 
     Parameters
     ----------

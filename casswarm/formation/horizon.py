@@ -26,7 +26,7 @@ MARGIN = 1e-4
 
 
 class _Plan(NamedTuple):
-    """What the soft constraints determine; paths are displacements in units of dt.
+    """Data that the soft constraints determine; paths are displacements in units of dt.
 
     Parameters
     ----------

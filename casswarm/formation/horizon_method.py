@@ -55,7 +55,7 @@ class InteriorPoint(BatchSolver):
 
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
-        """Whether the objective is compiled, and the feasible set one of trajectories."""
+        """Return True if the objective is compiled, and the feasible set one of trajectories."""
         sets = instances.feasible_set
         if not isinstance(sets, TrajectorySets) or nlp.attached(CompiledObjective) is None:
             return False

@@ -102,7 +102,7 @@ class BatchSolver(Solver):
     @staticmethod
     @abstractmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
-        """Whether the objective is compiled and the feasible set is of the solver's kind."""
+        """Return True if the objective is compiled and the feasible set is of the solver's kind."""
 
     @abstractmethod
     def run_batch(self, nlp: Nlp, instances: Instances) -> BatchRun:
@@ -160,7 +160,7 @@ class SpectralProjectedGradient(BatchSolver):
 
     @staticmethod
     def can_take(nlp: Nlp, instances: Instances) -> bool:
-        """Whether the objective is compiled, and the feasible set a product of planar sets."""
+        """Return True if the objective is compiled, and the set a product of planar sets."""
         sets = instances.feasible_set
         return (
             nlp.attached(CompiledObjective) is not None

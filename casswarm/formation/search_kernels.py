@@ -87,7 +87,7 @@ def projected_step(
 
 @kernel
 def converged(x: FloatArray, problem: Problem, work: Workspace, tolerance: float) -> bool:
-    """Whether no member of P(x - metric gradient) - x is longer than the tolerance.
+    """Return True if no member of P(x - metric gradient) - x is longer than the tolerance.
 
     The length of a member's part grows with its step size, and falls when divided by it: these
     bounds from `direction`, which has the spectral step sizes, mostly suffice.

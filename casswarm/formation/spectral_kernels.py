@@ -98,7 +98,7 @@ def empty_starts(initial: int, directions: FloatArray, states: int) -> Starts:
 
 
 class Results(NamedTuple):
-    """What a kernel writes for B instances.
+    """Output arrays of a kernel for B instances.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def write_start(index: int, guess: FloatArray, starts: Starts, row: int, start: 
 
 @kernel
 def count_hits(value: float, least: float, hits: int) -> int:
-    """How often the least minimum has been found, after an end with this value."""
+    """Count how often the least minimum has been found, after an end with this value."""
     margin = AGREEMENT * abs(least)
     if value < least - margin:
         return 1
@@ -204,7 +204,7 @@ def count_hits(value: float, least: float, hits: int) -> int:
 
 @kernel
 def needs_start(solved: int, hits: int, starts: Starts) -> bool:
-    """Whether to solve another start coarsely, after `solved`, `hits` of which ended lowest."""
+    """Return True to solve another start coarsely after `solved`, `hits` of which ended lowest."""
     if starts.initial == 1 or solved < starts.initial:
         return starts.initial > 1
     return solved < len(starts.directions) and hits < min(solved, HITS)

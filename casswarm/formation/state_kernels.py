@@ -70,7 +70,7 @@ class States(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """What the formation problems of a batch have in common.
+    """Common terms of the formation problems of a batch.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ class Limits(NamedTuple):
 
 
 class StepResults(NamedTuple):
-    """What is written for B states.
+    """Output arrays for B states.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ class FormationTask:
 
     @property
     def terms(self) -> Terms:
-        """What the problems have in common."""
+        """Common terms of the problems."""
         motion, hazard = self.step.motion, self.step.hazard
         return Terms(
             dt=float(motion.dt),

@@ -56,7 +56,7 @@ class TrajectorySets:
         return states, steps, members
 
     def contains(self, points: FloatArray, tolerance: float = 0.0) -> BoolArray:
-        """Whether displacements (B, H, n, 2) are in the sets of their members, (B, n)."""
+        """Test if displacements (B, H, n, 2) are in the sets of their members, shape (B, n)."""
         first = np.zeros_like(points[:, :1])
         velocities = np.diff(points, axis=1, prepend=first)
         changes = np.diff(velocities, axis=1, prepend=self.initial_velocities[:, None])

@@ -67,7 +67,7 @@ class StageCosts:
         return [[costs(block) for block in blocks] for blocks in grid.blocks]
 
     def with_multiplier(self, multiplier: float) -> StageCosts:
-        """The same with another multiplier, on which risks of visits do not depend."""
+        """Copy with another multiplier, on which risks of visits do not depend."""
         other = replace(self, multiplier=multiplier)
         other.__dict__["nodes"] = self.nodes
         return other

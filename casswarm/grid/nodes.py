@@ -119,7 +119,7 @@ class CellBlock(NamedTuple):
         return mask
 
     def trimmed(self) -> CellBlock | None:
-        """The same without the lines of inactive cells at its sides; None if no cell is active."""
+        """Block without the lines of inactive cells at its sides; None if no cell is active."""
         lines = [np.flatnonzero(self.cells.any(axis=1 - axis)).tolist() for axis in (0, 1)]
         if not lines[0]:
             return None
@@ -127,7 +127,7 @@ class CellBlock(NamedTuple):
         return CellBlock(first, self.cells[*(slice(at[0], at[-1] + 1) for at in lines)])
 
     def halved(self) -> CellBlock:
-        """The same cells, with half the spacing."""
+        """Block of the same cells, with half the spacing."""
         cells = self.cells.repeat(2, axis=0).repeat(2, axis=1)
         return CellBlock(tuple(2 * i for i in self.first), cells)
 
@@ -204,7 +204,7 @@ def extremum_within_reach(
     *,
     largest: bool = False,
 ) -> FloatArray:
-    """At the nodes `to`, the least (or largest) value within reach at the nodes of any block."""
+    """Least (or largest) value at the nodes of any block within reach of each of the nodes `to`."""
     combine, best = np.maximum if largest else np.minimum, None
     for values, block in zip(sources, blocks, strict=True):
         found = box_extremum(values, block, to, reach, largest=largest)
@@ -284,11 +284,11 @@ class Relaxation:
 
     @property
     def bounded(self) -> bool:
-        """Whether the hazard provides lower bounds of its rates."""
+        """True if the hazard provides lower bounds of its rates."""
         return self.hazard.single_agent_lower_bound(self.start, self.start) is not None
 
     def reachable(self, positions: FloatArray, steps: int) -> BoolArray:
-        """Whether the target can be reached from positions (..., 2) in `steps` steps."""
+        """Test if the target can be reached from positions (..., 2) in `steps` steps."""
         distance = remaining_distance(positions, self.center, steps * self.step)
         return np.asarray(distance <= self.radius)
 

@@ -71,7 +71,7 @@ class Frame:
 
     @classmethod
     def of_agent(cls, scenario: Scenario, start: FloatArray, velocity: FloatArray) -> Frame:
-        """The same for a single agent at `start` (2,), with the scenario's order of members."""
+        """Frame of a single agent at `start` (2,), with the scenario's order of members."""
         if scenario.hazard_table.kind not in CONSTANTS:
             return cls(SYMMETRIES[0], np.arange(scenario.n))
         offset = _offsets(scenario, start)
@@ -83,13 +83,13 @@ class Frame:
 
     @property
     def is_identity(self) -> bool:
-        """Whether the frame is the scenario's own."""
+        """True if the frame is the scenario's own."""
         in_order = bool((np.diff(self.order) > 0).all())
         return in_order and np.array_equal(self.matrix, SYMMETRIES[0])
 
     @property
     def inverse(self) -> Frame:
-        """What maps the frame to the scenario."""
+        """Inverse frame, which maps the frame to the scenario."""
         return Frame(self.matrix.T, np.argsort(self.order))
 
     def members_to(self, vectors: FloatArray) -> FloatArray:
@@ -136,7 +136,7 @@ class Frame:
         return _SIDES.sub(lambda sides: sides.group().translate(_MIRRORED), text)
 
     def reported(self, progress: Progress | None) -> Progress | None:
-        """What a search in the frame reports to, whose texts have signatures of the scenario."""
+        """Progress callback for a search in the frame, with texts in signatures of the scenario."""
         if progress is None:
             return None
         return lambda text, done, total: progress(self.renamed(text), done, total)

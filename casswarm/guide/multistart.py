@@ -243,7 +243,7 @@ class Multistart:
 
     @property
     def expired(self) -> bool:
-        """Whether the deadline has passed."""
+        """True if the deadline has passed."""
         return time.monotonic() >= self.deadline
 
     def candidates(self, search: Search) -> list[Candidate]:
@@ -409,7 +409,7 @@ class Multistart:
         return resample(np.stack([self.task.start, goal]), steps, dt)
 
     def _coarse_steps(self, count: int = _COARSE_STEPS) -> list[int]:
-        """At most `count` arrival steps, evenly spaced from the first feasible one to the last."""
+        """Arrival steps, at most `count`, evenly spaced from the first feasible one to the last."""
         feasible = self._feasible_steps()
         indices = np.linspace(0, len(feasible) - 1, min(count, len(feasible))).round()
         return [feasible[int(index)] for index in indices]

@@ -254,7 +254,7 @@ ENTRY_POINTS = "casswarm.hazards"
 
 
 def origin(name: str, folder: Path) -> str | None:
-    """What a scenario file in `folder` refers to by ``module:name``; None if there is no such code.
+    """Name the code behind ``module:name`` in a scenario file in `folder`; None if there is none.
 
     Nothing is imported.
     """

@@ -110,12 +110,12 @@ class KernelHazard(Hazard):
 
     @property
     def collides(self) -> bool:
-        """Whether members endanger each other, which makes formation problems multimodal."""
+        """True if members endanger each other, which makes formation problems multimodal."""
         return _collides(self)
 
     @property
     def gathers(self) -> bool:
-        """Whether a member's rate increases with every distance to another."""
+        """True if a member's rate increases with every distance to another."""
         return False
 
     @property

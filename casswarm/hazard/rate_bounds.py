@@ -180,7 +180,7 @@ class LeastRateLines:
 def saturation_least_rates(
     n: int, alpha_2: float, collision: Callable[[FloatArray], FloatArray]
 ) -> LeastRateLines:
-    """Of the paper's rates; `collision` is g, the collision rate at densities h in (0, 1]."""
+    """Lower bounds of the paper's rates; `collision` is g, the collision rate at h in (0, 1]."""
     neighbours = n - 1
     h = np.linspace(0.0, 1.0, _INTERVALS + 1)
     g = np.zeros_like(h)
@@ -262,7 +262,7 @@ def pair_bounds(
 def _collisions_below(
     x: FloatArray, y: FloatArray, beta: tuple[float, float], core_radius: float
 ) -> FloatArray:
-    """With the smallest cap, in whole spacings, that leaves no node value below zero."""
+    """Lower bounds of collision rates at nodes, with the smallest cap that keeps them tight."""
     spacing = abs(x[1] - x[0]) if len(x) > 1 else abs(y[1] - y[0]) if len(y) > 1 else 0.0
     squared = x[:, None] ** 2 + y**2
     for spacings in range(2, 100):
@@ -302,7 +302,7 @@ def _collision_curvature(
     beta: tuple[float, float],
     cap: float,
 ) -> FloatArray:
-    """The same of the collision rate (beta_1 / r)^beta_2, at distances of at least `cap`."""
+    """Bound like `_share_curvature`, of the rate (beta_1 / r)^beta_2 at distances r >= `cap`."""
     beta_1, beta_2 = beta
     nearest = np.maximum(near[0] + near[1], cap**2)
     east = np.maximum((beta_2 + 1) * far[0] - near[1], 0.0)

@@ -82,11 +82,11 @@ class Saturation(KernelHazard):
         return self._unit_rate * below
 
     def least_rate(self, n: int) -> LeastRate | None:
-        """With the neighbours at the best compromise of saturation and collisions."""
+        """Lower bound of a member's rate, at the best compromise of saturation and collisions."""
         return _least_rates(self, n).least_rate() if self._is_papers else None
 
     def least_rates(self, n: int, densities: FloatArray, rates: FloatArray) -> FloatArray | None:
-        """The same, as far as the density of the neighbours allows it."""
+        """Lower bounds of a member's rate, by the largest density of its neighbours."""
         if not self._is_papers:
             return super().least_rates(n, densities, rates)
         return _least_rates(self, n).at_most(densities, rates)
@@ -115,7 +115,7 @@ class Saturation(KernelHazard):
 
     @property
     def _is_papers(self) -> bool:
-        """Whether the rates are the paper's, for which bounds are proven: a subclass may differ."""
+        """True if the rates are the paper's, for which bounds are proven: a subclass may differ."""
         return type(self) in (Saturation, SaturationCollision)
 
     @property
@@ -144,7 +144,7 @@ class SaturationCollision(Saturation):
 
     @property
     def gathers(self) -> bool:
-        """Not below some distance: members collide."""
+        """False: members collide, so that a rate falls with distance where they are close."""
         return False
 
     def collision(self, squared_distance: Expr) -> Expr:

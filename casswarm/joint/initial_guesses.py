@@ -56,7 +56,7 @@ class Family:
     goals: FloatArray  # (N, B, n, 2), points to track, one per step
 
     def guesses(self, arrivals: IntArray, velocities: FloatArray) -> list[InitialGuess]:
-        """Those with arrival steps (b, n) by velocities (N, b, n, 2), to the last arrivals."""
+        """Guesses of arrival steps (b, n) and velocities (N, b, n, 2), cut at the last arrival."""
         lasts = self.arrivals.max(axis=1)[: len(arrivals)]
         return [
             InitialGuess(self.name, arrivals[k], velocities[:last, k])
@@ -378,7 +378,7 @@ def _stretched(
 def _rerouted(
     name: str, task: JointTask, plan: InitialGuess, path: FloatArray, others: list[FloatArray]
 ) -> Family:
-    """One member along a single agent's path."""
+    """Family of plans in which one member follows another path of a single agent."""
     n, whole = path.shape[1], padded(path, task.steps)[1:]
     cases = list(itertools.product(range(n), others))
     arrivals = np.tile(plan.arrivals, (len(cases), 1))

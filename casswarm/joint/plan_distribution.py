@@ -301,7 +301,7 @@ def _outcomes(
 
 
 def _greatest(values: FloatArray, count: int) -> BoolArray:
-    """Whether each is among the `count` greatest; equal ones are treated alike."""
+    """Mask of the `count` greatest values; equal ones are treated alike."""
     if len(values) <= count:
         return np.ones(len(values), bool)
     return np.asarray(values > np.partition(values, -count - 1)[-count - 1])

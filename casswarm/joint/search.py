@@ -247,7 +247,7 @@ class JointSearch:
                 break
 
     def _improves(self, outcome: SwarmOutcome, best: SwarmOutcome) -> bool:
-        """Whether an outcome is better by more than rounding."""
+        """Return True if an outcome is better by more than rounding, or if only it is separated."""
         form = self.problem.form
         largest = 1.0 if form.objective == "success" else form.n
         least = IMPROVEMENT * (largest - best.value)

@@ -121,7 +121,7 @@ def step_forth(
 
 
 class Work(NamedTuple):
-    """What is computed of one set with k members, in all lanes, and sums over all sets."""
+    """Work arrays for one set of k members, in all lanes, and for sums over all sets."""
 
     members: IntArray  # (n,), its members
     subsets: IntArray  # (m,), the masks of its 2^k subsets

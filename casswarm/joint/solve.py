@@ -1,4 +1,4 @@
-"""One solve of a joint plan: an initial guess, a solver's answer, and its exact value."""
+"""Single solve of a joint plan: an initial guess, a solver's answer, and its exact value."""
 
 from __future__ import annotations
 

@@ -137,12 +137,12 @@ class PlanarSets:
         return largest.reshape(shape)
 
     def contains(self, points: ArrayLike, tolerance: float = 0.0) -> BoolArray:
-        """Whether points (..., 2) are in the sets, up to a distance; False where not finite."""
+        """Test if points (..., 2) are in the sets, up to a distance; False where not finite."""
         return np.asarray(self.violation(points) <= tolerance)
 
     @cached_property
     def is_empty(self) -> BoolArray:
-        """Which sets are empty, shape `shape`; gaps of the order of rounding do not count."""
+        """True for empty sets, shape `shape`; gaps of the order of rounding do not count."""
         sets = self.packed.reshape(-1, 10)
         empty = np.empty(len(sets), dtype=bool)
         empty_batch(sets, empty)

@@ -30,7 +30,7 @@ def clip(value: float, low: float, high: float) -> float:
 
 @kernel
 def within(x: float, y: float, sets: FloatArray, i: int) -> bool:
-    """Whether a point lies in all discs of set i, up to rounding; False for NaN."""
+    """Return True if a point lies in all discs of set i, up to rounding; False for NaN."""
     for k in DISCS:
         cx, cy, r = sets[i, k], sets[i, k + 1], sets[i, k + 2]
         dx, dy = x - cx, y - cy

@@ -87,7 +87,7 @@ class Motion:
     def misses(
         self, positions: FloatArray, velocities: FloatArray, goals: FloatArray, radius: float = 0.0
     ) -> BoolArray:
-        """Whether steps (..., 2) end farther than `radius` from the goals, shape (...)."""
+        """Test if steps (..., 2) end farther than `radius` from the goals, shape (...)."""
         offset = positions + self.dt * velocities - goals
         distance = np.hypot(offset[..., 0], offset[..., 1])
         return np.asarray(distance > radius + self.position_tol)

@@ -48,7 +48,7 @@ class Lines:
 
     @property
     def ended(self) -> bool:
-        """Whether only blank lines are left."""
+        """True if only blank lines are left."""
         while self.number < len(self._lines) and not self._lines[self.number].strip():
             self.number += 1
         return self.number == len(self._lines)

@@ -178,7 +178,7 @@ def _number(value: float) -> str:
 
 
 def _nonlinear(function: Expr) -> list[bool]:
-    """Whether every result of a function of SX is nonlinear, by its operations.
+    """Test each result of a function of SX for nonlinearity, by its operations.
 
     Derivatives would not tell: those of a step, such as x > 1, are zero.
     """

@@ -239,7 +239,7 @@ class FeasibleSet(Protocol):
     """
 
     def contains(self, points: FloatArray, tolerance: float = 0.0) -> BoolArray:
-        """Whether points are in their sets, up to a distance; in the shapes of the kind of set."""
+        """Test if points are in their sets, up to a distance; in the shapes of the kind of set."""
 
     def __getitem__(self, rows: slice | NDArray[Any], /) -> FeasibleSet:
         """The sets of some of the instances."""

@@ -27,7 +27,7 @@ class Status(StrEnum):
 
     @property
     def success(self) -> bool:
-        """Whether the answer is a solution to the solver's tolerance."""
+        """True if the answer is a solution to the solver's tolerance."""
         return self in (Status.SOLVED, Status.ACCEPTABLE)
 
 

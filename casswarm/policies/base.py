@@ -238,5 +238,5 @@ class Policy(ABC):
 
 
 def is_own(policy: Policy) -> bool:
-    """Whether casswarm defines the class of a policy."""
+    """Return True if casswarm defines the class of a policy."""
     return type(policy).__module__.partition(".")[0] == __package__.partition(".")[0]

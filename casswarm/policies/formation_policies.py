@@ -192,7 +192,7 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
 
 
 def _is_default(solver: Solver) -> TypeGuard[Auto]:
-    """Whether the solver's methods are those of the pass, not of a subclass."""
+    """Return True if the solver's methods are those of the pass, not of a subclass."""
     return type(solver) is Auto and type(solver.batch) is SpectralProjectedGradient
 
 
@@ -243,7 +243,7 @@ def _solutions(nlp: Nlp, instances: Instances, solver: Solver) -> BatchSolution:
 
 
 def _solved(solution: BatchSolution, solver: Solver) -> BoolArray:
-    """Which answers count as solved; of a method with fixed iterations, all feasible iterates."""
+    """Mask of solved answers; of a method with fixed iterations, all feasible iterates."""
     if solver.capabilities.fixed_iterations:
         return np.asarray(solution.violation <= VIOLATION)  # False for NaN
     return np.asarray(solution.success & (solution.stationarity <= MAX_STATIONARITY))

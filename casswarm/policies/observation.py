@@ -1,4 +1,4 @@
-"""What a learned policy sees of a state: an array of fixed shape, for batches of states.
+"""Observation of a state by a learned policy: an array of fixed shape, for batches of states.
 
 Each member has a row of d = 6 + 2 k + 5 (n - 1) numbers, with k radars:
 
@@ -102,7 +102,7 @@ class Observation:
 
     @property
     def slices(self) -> dict[str, slice]:
-        """Where the parts of a row are, by name."""
+        """Slices of the parts of a row, by name."""
         radars = _OWN + _RADAR * len(self.radars)
         return {
             "alive": slice(0, 1),

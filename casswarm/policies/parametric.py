@@ -170,7 +170,7 @@ class _ByIdentity:
 
 
 def _casadi_function(key: _ByIdentity, n: int, size: int) -> StateFunction:
-    """Of a CasADi function of expressions (n, 2), (n, 2), (n, 1) and (p, 1)."""
+    """State function of a CasADi function of expressions (n, 2), (n, 2), (n, 1) and (p, 1)."""
     _compiled(key, n, size, 0)
 
     def evaluate(step: int, parameters: FloatArray, *states: Any) -> Any:
@@ -244,7 +244,7 @@ def _columns(
 
 
 def _jax_function(key: _ByIdentity, n: int, size: int) -> StateFunction:
-    """Of a JAX function, compiled once for all steps, which are traced as the states are."""
+    """State function of a JAX function, compiled once for all steps; the step is traced too."""
     require_extra("jax", "jax")
     import jax
     import jax.numpy as jnp
@@ -273,7 +273,7 @@ def _jax_function(key: _ByIdentity, n: int, size: int) -> StateFunction:
 
 
 def _torch_function(key: _ByIdentity, n: int, size: int) -> StateFunction:
-    """Of a PyTorch function, which is called with tensors on the default device."""
+    """State function of a PyTorch function, called with tensors on the default device."""
     require_extra("torch", "torch")
     import torch
 

@@ -337,7 +337,7 @@ def lagging(guide: Guide, steps: int) -> Guide:
 
 
 def within(row: Mapping[str, Any]) -> int:
-    """How many of the paper's policies have a success in the paper's interval."""
+    """Number of the paper's policies whose success is in the paper's interval."""
     intervals = {name: paper_interval(name) for name in PAPER_POLICIES}
     return sum(low <= row[name] <= high for name, (low, high) in intervals.items())
 

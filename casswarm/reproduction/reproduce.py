@@ -110,7 +110,7 @@ class Reproduction:
 
     @property
     def complete(self) -> bool:
-        """Whether all tables and figures are present."""
+        """True if all tables and figures are present."""
         return {*self.tables} == {*TABLES} and {*self.figures} == {*FIGURES}
 
 

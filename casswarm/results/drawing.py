@@ -69,7 +69,7 @@ class FigureProcess:
 
     @property
     def is_free(self) -> bool:
-        """Whether it could begin another figure; never again after one that it could not draw."""
+        """True if it can begin another figure; never again after one that it could not draw."""
         return self.waiting < 2 and self._ready and not self._lost
 
     def begin(self, name: str, draw: Callable[[], Figure], figure_format: FigureFormat) -> None:

@@ -327,7 +327,7 @@ class ResultsFolder:
         )
 
     def has_table(self, name: str) -> bool:
-        """Whether the command wrote the table NAME.csv."""
+        """Return True if the command wrote the table NAME.csv."""
         return f"{name}.csv" in self.files
 
     def table(self, name: str) -> pd.DataFrame:

@@ -37,7 +37,7 @@ from ..typing import FloatArray, ThemeName
 
 
 class View(NamedTuple):
-    """What a notebook shows above the picture: a mapping is a table of one row."""
+    """Title, table and notes above a notebook's picture; a mapping is a table of one row."""
 
     title: str
     table: Mapping[str, Any] | pd.DataFrame

@@ -333,7 +333,7 @@ def core_radius(target: Target, hazard: HazardTable) -> float:
 def _problems(
     scenario: Scenario, folder: Path | None = None, allow_code: bool = False
 ) -> Iterator[str]:
-    """What contradicts itself in a scenario of a file in `folder`; `allow_code` as there."""
+    """Contradictions in a scenario of a file in `folder`; `allow_code` as of `load_scenario`."""
     yield from _start_problems(scenario.swarm, scenario.target, scenario.hazard_table)
     yield from _reach_problems(scenario.swarm, scenario.target, scenario.time)
     yield from _margin_problems(scenario.guide, scenario.target)
@@ -342,7 +342,7 @@ def _problems(
 
 
 def doubts(scenario: Scenario) -> Iterator[str]:
-    """What is allowed in a scenario, but hardly meant."""
+    """Yield doubts about settings that are allowed in a scenario, but hardly meant."""
     hazard, target = scenario.hazard_table, scenario.target
     for first, second in _equal_points(hazard.radars):
         yield f"hazard.radars[{first}] and [{second}] are the same point: their rates are added"
@@ -466,7 +466,7 @@ def _custom_hazard_problems(
 
 
 def _consent(kind: str, folder: Path | None) -> str:
-    """What is asked of the user before code that a file names is imported."""
+    """Request for the user's consent before code that a file names is imported."""
     from ..hazard.custom import missing, origin
 
     code = f"the module {kind.partition(':')[0]!r}" if folder is None else origin(kind, folder)

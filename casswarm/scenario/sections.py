@@ -131,7 +131,7 @@ class Target(Table):
         return np.asarray(np.hypot(offsets[..., 0], offsets[..., 1]))
 
     def contains(self, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether positions (..., 2) lie in the zone, shape (...)."""
+        """Test if positions (..., 2) lie in the zone, shape (...)."""
         return np.asarray(self.distances(positions) <= self.radius)
 
 
@@ -392,12 +392,12 @@ class HazardTable(Table):
 
     @property
     def is_custom(self) -> bool:
-        """Whether the rates are a function of the user."""
+        """True if the rates are a function of the user."""
         return not isinstance(self.kind, str) or self.kind not in CONSTANTS
 
     @property
     def is_named_by_file(self) -> bool:
-        """Whether the rates are a function that a file names, not one that a caller passed."""
+        """True if the rates are a function that a file names, not one that a caller passed."""
         named = isinstance(self.kind, str) and not isinstance(self.kind, FunctionName)
         return named and self.is_custom
 

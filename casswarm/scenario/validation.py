@@ -87,7 +87,7 @@ def to_plain(value: object) -> Any:
 
 
 class Problem(NamedTuple):
-    """One thing that is wrong with a scenario."""
+    """Problem found in a scenario."""
 
     message: str
     key: str

@@ -127,7 +127,7 @@ class IterateLog:
             self._last = point
 
     def iterates(self, x0: FloatArray, scale: float = 1.0) -> Iterates | None:
-        """What was recorded, in units of `scale`, after x0 if the solver did not report a start.
+        """Return the recorded points, in units of `scale`, after x0 if no start was reported.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ VIOLATION = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a backend reports on one instance, before verification.
+    """Answer of a backend on one instance, before verification.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a solver supports.
+    """Features that a solver supports.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ class Solver(ABC):
 
     @classmethod
     def unavailable(cls) -> str:
-        """Why this solver cannot run in this installation; empty if it can."""
+        """Reason why this solver cannot run in this installation; empty if it can."""
         return ""
 
     def prepare(self, nlp: Nlp) -> None:  # noqa: B027  (not every solver compiles anything)

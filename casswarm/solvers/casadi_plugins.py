@@ -76,7 +76,7 @@ class NlpsolSolver(Solver):
 
     @classmethod
     def unavailable(cls) -> str:
-        """Why the plugin cannot run in this installation of CasADi; empty if it can."""
+        """Reason why the plugin cannot run in this installation of CasADi; empty if it can."""
         return missing_plugin(cls.plugin)
 
     def status(self, stats: Mapping[str, Any]) -> Status:
@@ -151,12 +151,12 @@ class NlpsolSolver(Solver):
 
 @locked_cache(maxsize=64)
 def has_plugin(plugin: str) -> bool:
-    """Whether this installation of CasADi can load an nlpsol plugin."""
+    """Return True if this installation of CasADi can load an nlpsol plugin."""
     return bool(ca.has_nlpsol(plugin))
 
 
 def missing_plugin(plugin: str) -> str:
-    """Why a plugin cannot run in this installation of CasADi; empty if it can."""
+    """Reason why a plugin cannot run in this installation of CasADi; empty if it can."""
     if has_plugin(plugin):
         return ""
     return f"the nlpsol plugin {plugin!r} is not in this casadi ({version('casadi')})"

@@ -80,7 +80,7 @@ class CallbackSolver(Solver):
 
     @abstractmethod
     def optimize(self, nlp: Nlp, instance: Instances) -> Any:
-        """What the package returns on an instance, in units of its scale.
+        """Solve an instance with the package; return its result, in units of the instance's scale.
 
         ValueError, RuntimeError and TypeError become the message of a failed answer.
         """

@@ -146,7 +146,7 @@ class _Worker:
         atexit.register(self.end)
 
     def reply(self, method: str, nlp: Nlp, instances: Instances, seconds: float) -> Any:
-        """What a method of the solver returns; ChildEndedError if the child crashed or was slow."""
+        """Return a solver method's result; ChildEndedError if the child crashed or was slow."""
         with self._lock:
             if len(self._programs) >= _MAX_PROGRAMS:
                 self.end()
@@ -214,7 +214,7 @@ class _Worker:
             self._start()
 
     def _call(self, method: str, nlp: Nlp, instances: Instances, seconds: float) -> Any:
-        """What a method of the solver in the child, which is alive, returns or raises."""
+        """Call a method of the solver in the child, which is alive; return its result."""
         program = None if nlp in self._programs else _pickled(nlp.name, nlp)
         key = self._programs.setdefault(nlp, len(self._programs))
         return self._ask(pickle.dumps((method, key, program, instances)), seconds)

@@ -279,7 +279,7 @@ class SuccessGradient:
 
     @property
     def complete(self) -> bool:
-        """Whether the bounds are as narrow as requested."""
+        """True if the bounds are as narrow as requested."""
         return self.residual_mass <= self.tolerance
 
     def __repr__(self) -> str:

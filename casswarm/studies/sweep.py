@@ -112,7 +112,7 @@ class SweepPoint:
 
 
 def is_computed(result: Any) -> bool:
-    """Whether a saved result is one of a sweep point that did not fail."""
+    """Return True if a saved result is one of a sweep point that did not fail."""
     try:
         row, numbers = result["columns"], [result["seconds"]]
         numbers += [row[name] for name in MEASURES]

@@ -241,7 +241,7 @@ _NOTES = {
 
 
 def count_notes(rows: Iterable[Mapping[Any, Any]], unit: str = "") -> list[str]:
-    """What is not zero of the counts `COUNTS`: a line per policy that has any.
+    """Notes on the nonzero counts among `COUNTS`: a line per policy that has any.
 
     Parameters
     ----------

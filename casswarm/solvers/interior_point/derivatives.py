@@ -1,4 +1,4 @@
-"""What the method reads of a program: values, derivatives and condensed matrices, as arrays.
+"""Evaluation of programs for the method: values, derivatives and condensed matrices, as arrays.
 
 The engine's arrays have instances last, (k, b), so that its loops do an operation for many of them.
 Programs with numeric derivatives of their own have instances first: `RowProblems` is between.

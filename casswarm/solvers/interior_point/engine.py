@@ -95,7 +95,7 @@ def _iterate(
 
 
 def _restored(problems: Problems, stuck: Iterates, results: Results, options: Options) -> Iterates:
-    """Those of the iterates that can go on, with a smaller violation."""
+    """Restore stuck iterates: return those with a smaller violation, and end the others."""
     restored, iterations = restore(problems, stuck)
     results.iterations[stuck.rows] += iterations
     failed = stuck[~restored]

@@ -144,7 +144,7 @@ def _numbered(order: IntArray, below: list[list[int]]) -> Pattern:
 
 
 class SparseSystem(NamedTuple):
-    """Where the entries of H + diag(w) + A' diag(v) A are in its factor.
+    """Positions of the entries of H + diag(w) + A' diag(v) A in its factor.
 
     `places` are those of the entries of H and of the diagonal, and (u, 4) for the products of two
     entries a, b of A in a row: a, b, the row, the place of the product.

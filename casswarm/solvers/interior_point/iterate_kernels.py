@@ -377,6 +377,6 @@ def add_entries(
 
 @kernel
 def switches(length: float, slope: float, violation: float) -> bool:
-    """Whether the slope promises more than the violation can cost."""
+    """Switching condition: True if the slope promises more than the violation can cost."""
     promised: float = length * max(-slope, 0.0) ** 2.3
     return bool(promised > violation**1.1)

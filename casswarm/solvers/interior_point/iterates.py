@@ -21,7 +21,7 @@ _EQUAL, _NEAR = 1e-9, 1e-12  # width of bounds that count as equal, absolute and
 
 
 def are_equal(lower: FloatArray, upper: FloatArray) -> BoolArray:
-    """Whether bounds are equal up to an error that is allowed."""
+    """Mask of the bounds that are equal up to an allowed error."""
     finite = np.isfinite(lower) & np.isfinite(upper)
     width = np.subtract(upper, lower, out=np.full_like(lower, np.inf), where=finite)
     return np.asarray(width <= np.maximum(_EQUAL, _NEAR * abs(lower)), bool) & finite
@@ -34,7 +34,7 @@ def middle(lower: FloatArray, upper: FloatArray, where: BoolArray) -> FloatArray
 
 
 def wrong_bounds(instances: Instances) -> dict[int, str]:
-    """What is wrong with the bounds of an instance, by its row: no number is between them."""
+    """Messages, by row, on instances with inconsistent bounds: no number is between them."""
     wrong: dict[int, str] = {}
     for low, high in (("lbx", "ubx"), ("lbg", "ubg")):
         lower, upper = getattr(instances, low), getattr(instances, high)
@@ -166,7 +166,7 @@ class Filter(Lanes):
         kernels.add_entries(self.entries, self.numbers, violation, merit)
 
     def accepts(self, violation: FloatArray, merit: FloatArray) -> BoolArray:
-        """Which filters accept points (b,)."""
+        """Mask (b,) of the filters that accept points (b,)."""
         there = np.arange(self.entries.shape[1])[:, None] < self.numbers
         reached = (violation >= self.entries[0]) & (merit >= self.entries[1]) & there
         return np.asarray(~reached.any(axis=0) & np.isfinite(merit))

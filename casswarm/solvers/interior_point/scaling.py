@@ -60,7 +60,7 @@ class Scaling:
 
     @property
     def trivial(self) -> bool:
-        """Whether all factors are 1."""
+        """True if all factors are 1."""
         return bool(all((part == 1.0).all() for part in (self.length, self.objective, self.rows)))
 
     def scaled(self, instances: Instances) -> Instances:

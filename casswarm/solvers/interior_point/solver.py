@@ -232,7 +232,7 @@ class FilterInteriorPoint(Solver):
 
 
 def _width(nlp: Nlp) -> int:
-    """How many instances advance together: whole lanes, or fewer where matrices are dense."""
+    """Number of instances that advance together: whole lanes, or fewer where matrices are dense."""
     variables, _, rows = nlp.sizes
     if nlp.attached(NumericDerivatives) is not None:
         return max(1, min(_WIDEST, _NUMERIC // (variables + rows + 1)))
