@@ -12,6 +12,7 @@ from _timing import timed
 
 import casswarm as csw
 from casswarm.chain import monte_carlo as sampling
+from casswarm.chain import states
 from casswarm.chain.confidence import effective_runs, stratified_interval, wilson
 from casswarm.scenario.variations import with_parameters
 from casswarm.studies.simulation import PAPER_POLICIES
@@ -47,7 +48,7 @@ def runs(quick: bool) -> Rows:
 
 
 def every_state(*arrays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As the function of distinct states would answer if no two were equal."""
+    """As the functions of distinct states would answer if no two were equal."""
     rows = np.arange(len(arrays[0]))
     return rows, rows
 
@@ -65,7 +66,10 @@ def equal(quick: bool) -> Rows:
 
             sample()
             once, wall, cpu = timed(sample, 3)
-            with mock.patch.object(sampling, "distinct_states", every_state):
+            with (
+                mock.patch.object(sampling, "distinct_survivors", every_state),
+                mock.patch.object(states, "distinct_states", every_state),
+            ):
                 each, wall_each, cpu_each = timed(sample)
             same = (once.runs["success"] == each.runs["success"]).mean()
             rows.append(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..compiled.kernels import kernel
 from ..policies.base import Policy, policy_call
 from ..typing import BoolArray, FloatArray, IntArray, Progress
-from .states import States, distinct_states
+from .states import States, distinct_survivors
 from .transition import COUNTS, Lattice, Transition, transition
 
 if TYPE_CHECKING:
@@ -371,9 +371,9 @@ class _RunBatch:
             if count.any():
                 self.counts[name][active] += count[rows]
         survival = np.where(self.table.alive, move.survival, 0.0)
-        alive = draws[active] < survival[rows]
-        first, child = distinct_states(rows, np.packbits(alive, axis=1))
-        parent, alive = rows[first], alive[first]  # of the distinct states that follow
+        first, child = distinct_survivors(active, rows, draws, survival)
+        parent = rows[first]
+        alive = draws[active[first]] < survival[parent]  # of the distinct states that follow
         arrived = (alive & move.inside[parent]).any(axis=1)
         self.record(policy, step, active, move, alive[child[: self.recorder.runs]])
         self.steps[active] = step + 1

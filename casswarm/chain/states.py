@@ -306,6 +306,21 @@ def split(
 
 
 @kernel
+def write_survivors(
+    runs: IntArray, rows: IntArray, draws: FloatArray, survival: FloatArray, words: NDArray[Any]
+) -> None:
+    """Write the row and the bits of the survivors of every run to `words` (B, 1 + n / 64), zeros.
+
+    Member i of run k survives where draws[runs[k], i] < survival[rows[k], i].
+    """
+    for k in range(rows.size):
+        words[k, 0] = np.uint64(rows[k])
+        for i in range(survival.shape[1]):
+            if draws[runs[k], i] < survival[rows[k], i]:
+                words[k, 1 + i // 64] |= np.uint64(1) << np.uint64(i % 64)
+
+
+@kernel
 def group(words: NDArray[Any], slots: IntArray, first: IntArray, inverse: IntArray) -> int:
     """Group equal rows of unsigned integers (B, w); return the number of groups.
 
@@ -386,6 +401,31 @@ def distinct_states(*arrays: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
     ends = np.cumsum(widths)
     for column, end, width in zip(columns, ends, widths, strict=True):
         words.view(np.uint8)[:, end - width : end] = column.view(np.uint8)
+    return _distinct(words)
+
+
+def distinct_survivors(
+    runs: IntArray, rows: IntArray, draws: FloatArray, survival: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Distinct pairs of a state and the set of its survivors, as `distinct_states` returns them.
+
+    Parameters
+    ----------
+    runs : (B,) int
+        Row among `draws` of every run.
+    rows : (B,) int
+        Row among `survival` of every run.
+    draws : (R, n)
+    survival : (D, n)
+        Members with draw < survival survive.
+    """
+    words = np.zeros((len(runs), 1 + -(-survival.shape[1] // 64)), np.uint64)
+    write_survivors(runs, rows, draws, survival, words)
+    return _distinct(words)
+
+
+def _distinct(words: NDArray[np.uint64]) -> tuple[IntArray, IntArray]:
+    count = len(words)
     slots = np.full(1 << (2 * count).bit_length(), -1)
     first, inverse = np.empty(count, np.int64), np.empty(count, np.int64)
     return first[: group(words, slots, first, inverse)], inverse
