@@ -104,7 +104,6 @@ def batch_solved(size: int) -> Work:
     import casadi as ca
 
     import casswarm as csw
-    from casswarm.solvers import make_solver
 
     x = ca.SX.sym("x", 4)
     posed = csw.Problem.from_casadi(
@@ -121,7 +120,7 @@ def batch_solved(size: int) -> Work:
     (one,) = posed.starts.values()
     guesses = np.random.default_rng(0).uniform(1.0, 5.0, (size, 4))
     instances = replace(one[np.zeros(size, int)], x0=guesses)
-    return partial(make_solver("interior-point").solve_batch, posed.nlp, instances)
+    return partial(csw.make_solver("interior-point").solve_batch, posed.nlp, instances)
 
 
 def process(*command: str) -> Work:
