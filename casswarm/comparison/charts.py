@@ -138,9 +138,8 @@ def band_chart(
 def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
     """Fraction of problems for which the row's solver is faster than the column's, as a matrix."""
     size = len(wins)
-    fig, axes = single_panel(
-        min(1.1, 0.18 + 0.394 * scaled() * size / current_theme().width), title
-    )
+    aspect = 0.18 + 0.394 * scaled() * size / current_theme().width
+    fig, axes = single_panel(min(1.1, aspect), title)
     values = wins.to_numpy(dtype=float)
     axes.imshow(np.nan_to_num(values), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
     fontsize = "small" if size <= 6 else "x-small"

@@ -166,10 +166,8 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
     columns = min(len(scenarios), 2 if current_theme().narrow else 3)
     lines = len(policies) * (1.5 if several else 2.4) + 4
     aspect = current_theme().aspect_of(lines * -(-len(scenarios) // columns) + 3)
-    heading = title, "" if several else _kind(table)
-    fig, axes = panels(
-        len(scenarios), columns, max(0.28, aspect), *heading, sharex=True, sharey=True
-    )
+    aspect, heading = max(0.28, aspect), (title, "" if several else _kind(table))
+    fig, axes = panels(len(scenarios), columns, aspect, *heading, sharex=True, sharey=True)
     for panel, (scenario, rows) in zip(axes, scenarios, strict=True):
         _bars(panel, rows, policies, values=not several)
         heading = wrap(scenario, 0.85 / columns)
@@ -238,9 +236,8 @@ def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
         As of `casswarm.studies.tables.paired_table`.
     title : str
     """
-    fig, axes = single_panel(
-        min(1.2, (0.9 + 0.32 * len(paired)) / 4), title, "paired by common random numbers"
-    )
+    aspect = min(1.2, (0.9 + 0.32 * len(paired)) / 4)
+    fig, axes = single_panel(aspect, title, "paired by common random numbers")
     rows = np.arange(len(paired))[::-1]
     difference, error = with_errors(paired, "difference")
     axes.axvline(0.0, color=INK, linewidth=scaled(0.8), zorder=1)
