@@ -145,7 +145,7 @@ def report_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
 def _overview(comparison: Comparison) -> pd.DataFrame:
     """Fraction solved and mean time: a row per solver, a column per family and start."""
     table = comparison.summary
-    text = table["solved"].map(_percent) + ", " + table["mean_ms"].map(milliseconds) + " ms"
+    text = table["solved"].map(percent) + ", " + table["mean_ms"].map(milliseconds) + " ms"
     group = table["family"] + ", " + table["start"]
     wide = table.assign(text=text, group=group).pivot(
         index="solver", columns="group", values="text"
@@ -197,27 +197,27 @@ def _answer(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> str:
     """The fastest and the most reliable solvers of a group, and how sure that is, in words."""
     first, *others = _of_group(tables["ranking"], family, start).to_dict("records")
     text = f"{_heading(family, start)}: {first['solver']} is the fastest, "
-    text += f"{milliseconds(first['mean_ms'])} ms on average{_interval(first, ' (95 %: {} ms)')}"
+    text += f"{milliseconds(first['mean_ms'])} ms on average{interval(first, ' (95 %: {} ms)')}"
     if not others:
         return f"{text}; no other solver is applicable."
     second = others[0]
     text += f", before {second['solver']} with {milliseconds(second['mean_ms'])} ms"
-    text += _interval(second, " ({} ms)")
+    text += interval(second, " ({} ms)")
     if np.isnan(first["probability"]):
         text += ". So few independent problems say nothing about others."
     else:
-        sure = _percent(first["probability"])
+        sure = percent(first["probability"])
         text += f". It has the first rank in {sure} of the bootstrap samples of the problems."
     solved = _of_group(tables["summary"], family, start).set_index("solver")["solved"]
     best = ", ".join(solved.index[solved == solved.max()])
-    return f"{text} Most often solved, {_percent(solved.max())}: {best}."
+    return f"{text} Most often solved, {percent(solved.max())}: {best}."
 
 
 def _heading(family: str, start: str) -> str:
     return f"{family[:1].upper()}{family[1:]}, {start} start"
 
 
-def _interval(row: Mapping[Any, Any], form: str) -> str:
+def interval(row: Mapping[Any, Any], form: str = "{}") -> str:
     """Text of the interval of a mean time; empty if there is none."""
     low, high = row["mean_ms_low"], row["mean_ms_high"]
     return form.format(f"{milliseconds(low)} to {milliseconds(high)}") if np.isfinite(low) else ""
@@ -234,15 +234,15 @@ def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[
         "fastest": part["solver"].iloc[0],
         "pairs": len(part) > 2,
         "headline": "Most often at the best known objective: "
-        f"{best['solver']}, {_percent(best['best_known'])}.",
+        f"{best['solver']}, {percent(best['best_known'])}.",
         "table": pd.DataFrame(
             {
                 "rank": part["rank"].map("{:g}".format),
                 "solver": part["solver"],
-                "probability": part["probability"].map(_probability),
+                "probability": part["probability"].map(percent),
                 "ranks, 95 %": list(map(_between, part["rank_low"], part["rank_high"])),
                 "mean time, ms": part["mean_ms"].map(milliseconds),
-                "95 % interval": [_interval(row, "{}") for row in part.to_dict("records")],
+                "95 % interval": [interval(row) for row in part.to_dict("records")],
                 "build, ms": [_number(value, ".3g") for value in part["build_ms"]],
                 "iterations": [_number(value or np.nan, "g") for value in part["iterations"]],
                 "evaluations": [_number(value, "g") for value in part["evaluations"]],
@@ -250,14 +250,14 @@ def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[
         ),
         "verification": pd.DataFrame(
             {"solver": part["solver"]}
-            | {_spaced(name): part[name].map(_percent) for name in TESTS}
+            | {_spaced(name): part[name].map(percent) for name in TESTS}
             | {_spaced(name): part[name] for name in COUNTS}
         ),
         "changes": pd.DataFrame(
             {
                 "criterion": changes["criterion"],
                 "first": changes["first"],
-                "probability": changes["probability"].map(_probability),
+                "probability": changes["probability"].map(percent),
                 f"rank of {part['solver'].iloc[0]}": changes["rank"].map("{:g}".format),
             }
         ),
@@ -285,18 +285,15 @@ def _spaced(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _probability(value: float) -> str:
-    return _percent(value) if np.isfinite(value) else ""
-
-
 def _between(low: float, high: float) -> str:
     if not np.isfinite(low):
         return ""
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-def _percent(value: float) -> str:
-    return f"{100 * value:.0f} %"
+def percent(value: float) -> str:
+    """Text of a fraction; empty if there is none."""
+    return f"{100 * value:.0f} %" if np.isfinite(value) else ""
 
 
 def milliseconds(value: float) -> str:
