@@ -123,19 +123,6 @@ def test_plan_distribution_conserves_mass(planned: tuple[Scenario, SwarmPlan]) -
     np.testing.assert_allclose(total, 1.0, atol=1e-13)
 
 
-def test_joint_policy_matches_sampling_without_saturation(
-    planned: tuple[Scenario, SwarmPlan],
-) -> None:
-    scenario, best = planned
-    study = simulate(
-        scenario, [JointPolicy.from_plan(best)], runs=4000, seed=3, save_trajectories=0
-    )
-    row = study.summary.iloc[0]
-    assert row["saturated"] == 0
-    spread = 4 * math.sqrt(proven(best)[0] * (1 - proven(best)[0]) / 4000) + 1e-3
-    assert abs(row["success"] - proven(best)[0]) < spread
-
-
 def test_joint_policy_by_name_follows_plan(planned: tuple[Scenario, SwarmPlan]) -> None:
     scenario, best = planned
     policy = make_policy("joint", scenario)
