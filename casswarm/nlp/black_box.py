@@ -95,8 +95,8 @@ def _restore(name: str, box: BlackBox, *attachments: object) -> BlackBoxNlp:
     return BlackBoxNlp.of(name, box).with_attachments(*attachments)
 
 
-class _Callback(ca.Callback):
-    """A function of columns of given sizes, with a single output.
+class DenseCallback(ca.Callback):
+    """CasADi's form of a function of columns of given sizes, with a single output.
 
     Its derivatives are those of `rules` for CasADi's "jacobian", "reverse" and "forward": functions
     of the inputs and of what CasADi seeds, to lists of expressions.
@@ -113,39 +113,50 @@ class _Callback(ca.Callback):
         ca.Callback.__init__(self)
         self._value, self._inputs, self._output, self._rules = value, inputs, output, rules
         self._kept: list[Any] = []  # CasADi does not keep the functions of derivatives
-        self.construct(f"black_box_{name}", {})
+        self.construct(name, {})
 
+    @override
     def get_n_in(self) -> int:
         return len(self._inputs)
 
+    @override
     def get_n_out(self) -> int:
         return 1
 
+    @override
     def get_sparsity_in(self, i: int) -> Any:
         return ca.Sparsity.dense(self._inputs[i], 1)
 
+    @override
     def get_sparsity_out(self, _: int) -> Any:
         return ca.Sparsity.dense(*self._output)
 
+    @override
     def eval(self, arguments: Sequence[Any]) -> list[FloatArray]:
         value = self._value(*(np.asarray(argument).ravel() for argument in arguments))
         return [np.asarray(value, dtype=float).reshape(self._output)]
 
+    @override
     def has_jacobian(self) -> bool:
         return "jacobian" in self._rules
 
+    @override
     def get_jacobian(self, name: str, *form: Any) -> Any:
         return self._derivative("jacobian", (), name, *form)
 
+    @override
     def has_reverse(self, number: int) -> bool:
         return number == 1 and "reverse" in self._rules
 
+    @override
     def get_reverse(self, _: int, name: str, *form: Any) -> Any:
         return self._derivative("reverse", self._output[:1], name, *form)
 
+    @override
     def has_forward(self, number: int) -> bool:
         return number == 1 and "forward" in self._rules
 
+    @override
     def get_forward(self, _: int, name: str, *form: Any) -> Any:
         return self._derivative("forward", self._inputs, name, *form)
 
@@ -159,26 +170,26 @@ class _Callback(ca.Callback):
         return self._kept[-1]
 
 
-def _callbacks(box: BlackBox) -> tuple[_Callback, _Callback]:
+def _callbacks(box: BlackBox) -> tuple[DenseCallback, DenseCallback]:
     """Values of f and g, and the Hessian of their weighted sum, a function of the weights too."""
     n, m = box.n, 1 + box.m
-    hessian = _Callback("hessian", box.hessian, (n, m), (n, n))
-    jacobian = _Callback("jacobian", box.jacobian, (n,), (m, n))
-    gradient = _Callback(
+    hessian = DenseCallback("hessian", box.hessian, (n, m), (n, n))
+    jacobian = DenseCallback("jacobian", box.jacobian, (n,), (m, n))
+    gradient = DenseCallback(
         "gradient",  # of a weighted sum
         lambda x, weights: weights @ box.jacobian(x),
         (n, m),
         (n, 1),
         jacobian=lambda x, weights: [hessian(x, weights), jacobian(x).T],
     )
-    change = _Callback(
+    change = DenseCallback(
         "change",  # along a step
         lambda x, step: box.jacobian(x) @ step,
         (n, n),
         (m, 1),
         reverse=lambda x, step, weights: [hessian(x, weights) @ step, gradient(x, weights)],
     )
-    values = _Callback(
+    values = DenseCallback(
         "values",
         box.values,
         (n,),

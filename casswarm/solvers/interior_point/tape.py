@@ -10,10 +10,11 @@ import casadi as ca
 import numpy as np
 
 from ..._util.threads import locked_cache
-from ...compiled.kernels import generated_module
+from ...compiled.kernels import generated_module, specialised
 from ...nlp.operations import OPERATIONS, instructions, operation_name
 from ...typing import Expr, FloatArray, IntArray
 from .iterate_kernels import LANES
+from .tape_kernels import evaluate
 
 _RESULTS = {code: text for code, (text, *_) in OPERATIONS.items() if text}
 
@@ -25,49 +26,22 @@ NUMBERS = {
 _ARGUMENTS = (0, 1, 0, *(2 for _ in _RESULTS))
 """Number of places that an operation reads, by its number on a tape."""
 
-_CASE = """\
-                elif code == {number}:
-                    for lane in range({lanes}):
-                        x, y = one[lane], two[lane]
-                        out[lane] = {result}
-"""
-
-_SOURCE = """\
-@kernel
-def evaluate(operations, constants, inputs, places, results):
-    batch = results.shape[1]
-    for first in range(0, batch, {lanes}):
-        number = min({lanes}, batch - first)
-        for k in range(len(operations)):
-            code, target, left, right = operations[k]
-            if code == 0:
-                values = inputs[left]
-                for lane in range(number):
-                    places[target, lane] = values[right, first + lane]
-            elif code == 1:
-                for lane in range(number):
-                    results[right, first + lane] = places[left, lane]
-            else:
-                out, one, two = places[target], places[left], places[right]
-                if code == 2:
-                    for lane in range({lanes}):
-                        out[lane] = constants[k]
-{cases}"""
+_CASE = """
+    if code == {number}:
+        for lane in range(LANES):
+            x, y = places[one, lane], places[two, lane]
+            places[out, lane] = {result}"""
 
 
 @locked_cache(maxsize=1)
 def evaluation() -> Callable[..., Any]:
-    """Compiled ``evaluate(operations, constants, inputs, places, results)``.
-
-    It writes the stacked outputs (n, b) of a tape at a tuple of inputs (m, b); `places` are
-    (size, LANES), `operations` and `constants` those of `Tape`.
-    """
-    cases = [
-        _CASE.format(number=NUMBERS[code], lanes=LANES, result=text.format(x="x", y="y"))
+    """`tape_kernels.evaluate` with the operations of the table."""
+    cases = (
+        _CASE.format(number=NUMBERS[code], result=text.format(x="x", y="y"))
         for code, text in _RESULTS.items()
-    ]
-    source = _SOURCE.format(lanes=LANES, cases="".join(cases))
-    function: Callable[..., Any] = generated_module(source).evaluate
+    )
+    operate = f"LANES = {LANES}\n\n\ndef operate(code, one, two, out, places):{''.join(cases)}"
+    function: Callable[..., Any] = generated_module(specialised(operate, evaluate)).evaluate
     return function
 
 
