@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -39,13 +37,6 @@ def test_make_problems_depends_on_seed_only(quick):
     assert [p.name for p in again] == [p.name for p in quick] == [p.name for p in other]
     assert [p.fingerprint() for p in again] == [p.fingerprint() for p in quick]
     assert not {p.fingerprint() for p in other} & {p.fingerprint() for p in quick}
-
-
-def test_problem_pickles_with_equal_fingerprint(quick):
-    for problem in quick:
-        again = pickle.loads(pickle.dumps(problem))
-        assert again.fingerprint() == problem.fingerprint()
-        assert again.traits == problem.traits
 
 
 def test_problem_starts_differ_only_in_x0(quick):

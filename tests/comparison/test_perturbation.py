@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 from hock_schittkowski import KNOWN, published
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known_problems import nearest_in_box, planar
+from known_problems import planar
 
 from casswarm.comparison import Problem
 from casswarm.comparison.perturbation import ProblemCopy, Reformulation, problem_copies
@@ -112,15 +110,6 @@ def test_copy_of_structured_problem_keeps_its_form() -> None:
     assert copy.reformulation is None
     assert copy.starts["cold"].feasible_set is instance.feasible_set
     assert not np.array_equal(copy.starts["cold"].x0, instance.x0)
-
-
-def test_copy_of_parametric_problem_pickles() -> None:
-    nlp, instances = nearest_in_box(np.array([[0.25, 4.0]]))
-    copy = copies_of(Problem("p", "f", nlp, {"cold": instances}))[1]
-    again = pickle.loads(pickle.dumps(copy.nlp))
-    found = Ipopt().solve(again, copy.starts["cold"])[0]
-    x = copy.restored(answer(found.x)).x
-    np.testing.assert_allclose(x, [0.25, 1.0], atol=1e-6)
 
 
 def test_restored_answer_of_wrong_size_is_unchanged() -> None:

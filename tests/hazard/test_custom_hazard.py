@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -163,13 +162,6 @@ def test_custom_hazards_of_equal_arguments_are_equal() -> None:
     assert one != CustomHazard(height, (), {"scale": 3})
     assert one != CustomHazard(height)
     assert one != Saturation(RADARS)
-
-
-def test_custom_hazards_pickle(own: CustomHazard) -> None:
-    other = pickle.loads(pickle.dumps(own))
-    assert other == own
-    assert hash(other) == hash(own)
-    np.testing.assert_array_equal(other.rates([[1, 2], [2, 2]]), own.rates([[1, 2], [2, 2]]))
 
 
 # --- errors

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from collections.abc import Callable
 from dataclasses import FrozenInstanceError, dataclass
 from typing import Any
@@ -169,16 +167,6 @@ def test_hazards_differ_by_kind_and_by_every_parameter(hazard: Saturation) -> No
 def test_hazards_are_immutable(hazard: Saturation) -> None:
     with pytest.raises(FrozenInstanceError):
         hazard.alpha_1 = 1.0  # type: ignore[misc]
-
-
-@pytest.mark.parametrize("kind", [Saturation, SaturationCollision])
-def test_hazards_pickle_and_copy(kind: type[Saturation]) -> None:
-    hazard = kind(RADARS, (1.0, 2.0), alpha_2=1.0)
-    rates = hazard.rates(SQUARE)  # compiles what does not pickle
-    for other in (pickle.loads(pickle.dumps(hazard)), copy.deepcopy(hazard)):
-        assert other == hazard
-        assert hash(other) == hash(hazard)
-        np.testing.assert_array_equal(other.rates(SQUARE), rates)
 
 
 # --- kernels of a user's own

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import pickle
 from dataclasses import replace
 
 import casadi as ca
@@ -146,7 +145,6 @@ def test_joint_policy_by_name_follows_plan(planned: tuple[Scenario, SwarmPlan]) 
     missing = moved + best.motion.dt * back - best.positions[1]
     assert np.hypot(missing[..., 0], missing[..., 1]).max() <= 0.01 * math.sqrt(2) + 1e-9
     assert not best.motion.sets(states[1]).violation(back).max() > 1e-9
-    assert pickle.loads(pickle.dumps(policy)).name == "joint"
     with pytest.raises(PolicyError, match="is for 3 members, the swarm has 2"):
         policy.velocities(0, np.zeros((1, 2, 2)), np.zeros((1, 2, 2)), np.ones((1, 2), bool))
 
@@ -200,13 +198,6 @@ def test_mean_field_single_member_is_exact() -> None:
         instance = joint_instances(nlp, form, task, [np.array([8])], [paths])
         odds.append(float(nlp.evaluate(instance.x0[0], instance.p[0])[0]))
     assert odds[0] == pytest.approx(odds[1], rel=1e-9)
-
-
-def test_joint_nlp_pickles() -> None:
-    nlp = joint_nlp(pair().hazard, JointForm(2, 8))
-    restored = pickle.loads(pickle.dumps(nlp))
-    x, p = np.full(nlp.sizes[0], 0.3), np.full(nlp.sizes[1], 0.5)
-    assert float(restored.evaluate(x, p)[0]) == float(nlp.evaluate(x, p)[0])
 
 
 # --- the search

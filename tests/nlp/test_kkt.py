@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from hock_schittkowski import KNOWN, published
-from known_problems import INF, Known, active_box, known, planar
+from known_problems import INF, Known, active_box, instances, known, planar
 
-from casswarm.nlp import Instances, Nlp, Residuals, kkt_residuals
+from casswarm.nlp import Nlp, Residuals, kkt_residuals
 from casswarm.nlp.residuals import ACTIVE
 from casswarm.solvers import Ipopt
 
@@ -34,9 +34,7 @@ def judged(case: Known, x: object = None, *multipliers: object) -> Residuals:
 
 
 @each
-def test_kkt_residuals_vanish_at_solution(
-    case: Known,
-) -> None:
+def test_kkt_residuals_vanish_at_solution(case: Known) -> None:
     residuals = judged(case, None, case.bound_multipliers, case.row_multipliers)
     assert residuals.violation < ROUNDED
     assert residuals.stationarity < ROUNDED
@@ -77,9 +75,7 @@ def test_multiplier_is_derivative_of_objective_by_bound(case: Known) -> None:
 
 
 @each
-def test_estimated_multipliers_match_those_of_ipopt(
-    case: Known,
-) -> None:
+def test_estimated_multipliers_match_those_of_ipopt(case: Known) -> None:
     solution = Ipopt().solve(case.nlp, case.instance)[0]
     estimated = kkt_residuals(case.nlp, case.instance, solution.x)
     assert solution.residuals.stationarity < 1e-6
@@ -193,7 +189,6 @@ def test_kkt_residuals_use_parameters_of_instance() -> None:
     x, q = ca.MX.sym("x"), ca.MX.sym("q")
     nlp = Nlp("shifted", {"x": x}, {"q": q}, (x - q) ** 2, {"above": x - q})
     for goal in (1.0, 3.0):
-        one = np.array([[goal]])
-        instance = Instances(one, one, one - 9, one + 9, 0 * one, np.full((1, 1), INF))
+        instance = instances([goal], [goal], lbx=goal - 9, ubx=goal + 9, lbg=0.0, ubg=INF)
         assert kkt_residuals(nlp, instance, np.array([goal])) == Residuals(0, 0, 0)
         assert kkt_residuals(nlp, instance, np.array([goal - 0.5])).violation == 0.5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -203,12 +202,6 @@ def test_instances_with_x0_keep_all_other_arrays() -> None:
     for name in ("p", "lbx", "ubx", "lbg", "ubg"):
         np.testing.assert_array_equal(getattr(other, name), getattr(some, name))
     assert some.x0[1, 1] == 1.5
-
-
-def test_instances_pickle() -> None:
-    other = pickle.loads(pickle.dumps(batch()))
-    np.testing.assert_array_equal(other.x0, batch().x0)
-    np.testing.assert_array_equal(other.ubx, batch().ubx)
 
 
 # --- a thousand members

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import pickle
 import subprocess
 import sys
 from functools import cache
@@ -206,16 +205,6 @@ def test_corridor_members_stay_near_lead_agent_or_count_infeasible() -> None:
     unable = others & (distance > math.sqrt(0.05) * 1.001)
     assert (decision.infeasible >= unable.sum(axis=1)).all()
     np.testing.assert_allclose(away[unable], distance[unable], atol=1e-6)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_feedback_policies_pickle_and_need_no_guide(name: str) -> None:
-    again = pickle.loads(pickle.dumps(policy(name)))
-    state = states(5, 6)
-    np.testing.assert_array_equal(
-        again.decide(1, *state).velocities, policy(name).decide(1, *state).velocities
-    )
-    assert again.name == name
 
 
 # --- success

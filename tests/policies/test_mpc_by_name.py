@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -68,17 +67,6 @@ def test_unsuitable_solver_raises_solver_error() -> None:
     formation = corridor_formation(data, RHO)
     with pytest.raises(SolverError, match="needs paths within limits"):
         InteriorPoint().solve_batch(formation.nlp, formation.instances)
-
-
-def test_mpc_policy_pickles() -> None:
-    scenario = csw.load_scenario("paper-1")
-    guide = csw.plan(scenario, certify=False)
-    policy = make_policy("leader-mpc-3", scenario, guide)
-    assert policy.name == "leader-mpc-3"
-    X = scenario.positions[None]
-    state = (0, X, np.tile(guide.velocities[0], (1, 5, 1)), np.ones((1, 5), bool))
-    again = pickle.loads(pickle.dumps(policy))
-    np.testing.assert_array_equal(again.velocities(*state), policy.velocities(*state))
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from functools import cache
 
 import numpy as np
@@ -56,12 +55,6 @@ def test_decision_of_batch_equals_single_states():
     for b in range(8):
         alone = policy().velocities(3, *(part[b] for part in state))
         np.testing.assert_array_equal(together[b], alone)
-
-
-def test_policy_pickles():
-    state = states(4, seed=2)
-    again = pickle.loads(pickle.dumps(policy()))
-    np.testing.assert_array_equal(again.velocities(2, *state), policy().velocities(2, *state))
 
 
 def test_pair_off_plan_succeeds_more_often_than_straight_lines():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import casadi as ca
-import cloudpickle
 import numpy as np
 import pytest
 from parametric_cases import START, guide, scene, steered, steering
@@ -75,12 +74,6 @@ def test_callable_need_not_be_hashable():
     policy = csw.ParametricPolicy(Unhashable(), START, scene(3))
     expected = steered(scene(3)).velocities(0, *states(9))
     np.testing.assert_array_equal(policy.velocities(0, *states(9)), expected)
-
-
-def test_policy_survives_pickling():
-    policy = steered(scene(3))
-    copy = cloudpickle.loads(cloudpickle.dumps(policy))
-    np.testing.assert_array_equal(copy.velocities(1, *states(9)), policy.velocities(1, *states(9)))
 
 
 def test_simulated_success_agrees_with_exact_one():

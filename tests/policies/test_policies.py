@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from functools import cache
 from typing import Any
 
@@ -121,13 +120,6 @@ def test_state_of_wrong_shape_raises_policy_error_with_shapes() -> None:
         policy("naive").decide(4, positions, previous_velocities, alive[0])
     assert (caught.value.policy, caught.value.step) == ("naive", 4)
     assert caught.value.shapes == [(3, 4, 2), (3, 4, 2), (4,)]
-
-
-@pytest.mark.parametrize("name", ANY_SIZE)
-def test_policy_pickles(name: str) -> None:
-    state = states(5, seed=3)
-    again = pickle.loads(pickle.dumps(policy(name)))
-    np.testing.assert_array_equal(again.velocities(2, *state), policy(name).velocities(2, *state))
 
 
 @pytest.mark.parametrize("name", ["leader", "constrained"])

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 
-import casadi as ca
 import numpy as np
 import pytest
 from faulty_solvers import FAULTS, Faulty
@@ -18,7 +17,6 @@ from small_scenarios import small
 import casswarm as csw
 from casswarm.comparison import Problem
 from casswarm.errors import CheckpointError, SolverError
-from casswarm.formation import CompiledObjective, formation_program
 from casswarm.nlp import Status
 from casswarm.policies import formation_policies as formation
 from casswarm.solvers import Ipopt, Isolated
@@ -126,30 +124,6 @@ def test_isolated_rejects_what_does_not_pickle():
         Isolated("ipopt")
     with pytest.raises(SolverError, match="time_limit = 0; allowed: above zero"):
         Isolated(Ipopt(), 0)
-
-
-def test_nlp_pickles_with_equal_derivatives():
-    nlp = formation_program(PAPER.hazard, 5, True)
-    again = pickle.loads(pickle.dumps(nlp))
-    x, p = np.random.default_rng(0).uniform(0, 1, (2, 64))
-    x, p = x[: nlp.sizes[0]], p[: nlp.sizes[1]]
-    assert (again.name, again.sizes, again.row_names) == (nlp.name, nlp.sizes, nlp.row_names)
-    ours, theirs = (each.attached(CompiledObjective).source for each in (nlp, again))
-    assert (again.unroll, theirs) == (nlp.unroll, ours)
-    for name in ("evaluate", "gradient", "jacobian"):
-        ours, theirs = getattr(nlp, name)(x, p), getattr(again, name)(x, p)
-        for a, b in zip(ours, theirs, strict=True) if isinstance(ours, tuple) else [(ours, theirs)]:
-            np.testing.assert_array_equal(np.asarray(ca.DM(a)), np.asarray(ca.DM(b)))
-
-
-def test_instances_pickle_read_only():
-    instances = goals((0.5, 3.0), (1.0, 2.0))[1]
-    again = pickle.loads(pickle.dumps(instances))
-    for name in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
-        ours, theirs = getattr(instances, name), getattr(again, name)
-        np.testing.assert_array_equal(ours, theirs)
-        # compiled code is compiled again for arrays that can be written to
-        assert ours.flags.writeable == theirs.flags.writeable
 
 
 def test_isolated_in_script_without_main_guard_raises(tmp_path):

@@ -8,6 +8,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from known_problems import INF, instances
 from threadpoolctl import threadpool_info
 
 from casswarm._util.threads import one_blas_thread
@@ -29,14 +30,9 @@ def rosenbrock(length: float = 1.0, value: float = 1.0, row: float = 1.0) -> Nlp
 
 def starts(length: float = 1.0, row: float = 1.0, count: int = 20) -> Instances:
     rng = np.random.default_rng(3)
-    return Instances(
-        x0=length * rng.uniform(-1.2, 1.2, (count, 2)),
-        p=rng.uniform(0.5, 1.5, (count, 1)),
-        lbx=np.full((1, 2), -5.0 * length),
-        ubx=np.full((1, 2), 5.0 * length),
-        lbg=row * np.array([[-np.inf, -2.0]]),
-        ubg=row * np.array([[1.5, np.inf]]),
-    )
+    x0, p = length * rng.uniform(-1.2, 1.2, (count, 2)), rng.uniform(0.5, 1.5, (count, 1))
+    rows = {"lbg": [-INF, -2.0 * row], "ubg": [1.5 * row, INF]}
+    return instances(x0, p, lbx=-5.0 * length, ubx=5.0 * length, **rows)
 
 
 REFERENCE = SOLVER.solve_batch(rosenbrock(), starts())
@@ -45,8 +41,8 @@ REFERENCE = SOLVER.solve_batch(rosenbrock(), starts())
 @pytest.mark.parametrize("length", [1e-6, 1e-3, 1e6])
 @pytest.mark.parametrize("value", [1e-8, 1.0, 1e6])
 def test_minima_do_not_depend_on_units(length: float, value: float) -> None:
-    instances = replace(starts(length), scale=np.array([[length, value]]))
-    solution = SOLVER.solve_batch(rosenbrock(length, value), instances)
+    batch = replace(starts(length), scale=np.array([[length, value]]))
+    solution = SOLVER.solve_batch(rosenbrock(length, value), batch)
     assert REFERENCE.success.all()
     assert solution.success.all()
     np.testing.assert_allclose(solution.x / length, REFERENCE.x, atol=2e-6)
@@ -74,11 +70,9 @@ def test_minima_do_not_depend_on_the_unit_of_rows(row: float) -> None:
 
 
 def test_multipliers_are_in_units_of_the_problem() -> None:
-    instances = replace(starts(1e3), scale=np.array([[1e3, 1e6]]))
-    scaled = rosenbrock(1e3, 1e6)
-    for one, two in zip(
-        SOLVER.run(rosenbrock(), starts()), SOLVER.run(scaled, instances), strict=True
-    ):
+    plain = SOLVER.run(rosenbrock(), starts())
+    batch = replace(starts(1e3), scale=np.array([[1e3, 1e6]]))
+    for one, two in zip(plain, SOLVER.run(rosenbrock(1e3, 1e6), batch), strict=True):
         assert one.multipliers is not None
         assert two.multipliers is not None
         np.testing.assert_allclose(two.multipliers[0] * 1e-3, one.multipliers[0], atol=1e-5)
@@ -90,15 +84,8 @@ def parabola(low: float, high: float, row: bool = False) -> tuple[Nlp, Instances
     x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 0)
     nlp = Nlp.from_expressions("parabola", x, p, (x[0] - 2) ** 2 + (x[1] - 1) ** 2, ca.sum1(x) - 1)
     wide, narrow = (-5.0, 5.0), (low, high)
-    (lbx, ubx), (lbg, ubg) = (wide, narrow) if row else (narrow, (-np.inf, np.inf))
-    return nlp, Instances(
-        x0=np.zeros((1, 2)),
-        p=np.zeros((1, 0)),
-        lbx=np.array([[lbx, -5.0]]),
-        ubx=np.array([[ubx, 5.0]]),
-        lbg=np.array([[lbg]]),
-        ubg=np.array([[ubg]]),
-    )
+    (lbx, ubx), (lbg, ubg) = (wide, narrow) if row else (narrow, (-INF, INF))
+    return nlp, instances(np.zeros(2), lbx=[lbx, -5.0], ubx=[ubx, 5.0], lbg=lbg, ubg=ubg)
 
 
 @pytest.mark.parametrize("row", [False, True])
@@ -150,24 +137,19 @@ def many_rows() -> tuple[Nlp, Instances]:
         for i in range(12)
     ]
     objective = ca.sumsqr(x - p) + ca.sum1(ca.sin(3 * x))
-    instances = Instances(
-        x0=rng.normal(0, 3, (count, n)),
-        p=rng.normal(0, 1, (count, n)),
-        lbx=np.full((1, n), -10.0),
-        ubx=np.full((1, n), 10.0),
-        lbg=np.full((1, 12), -1.0),
-        ubg=np.where(np.arange(12) < 3, -1.0, 2.0)[None],
-    )
-    return Nlp.from_expressions("rows", x, p, objective, ca.vcat(rows)), instances
+    x0, parameters = rng.normal(0, 3, (count, n)), rng.normal(0, 1, (count, n))
+    limits = {"lbg": np.full(12, -1.0), "ubg": np.where(np.arange(12) < 3, -1.0, 2.0)}
+    batch = instances(x0, parameters, lbx=-10.0, ubx=10.0, **limits)
+    return Nlp.from_expressions("rows", x, p, objective, ca.vcat(rows)), batch
 
 
 @pytest.mark.slow
 def test_many_rows_are_added_in_the_same_order_in_any_batch() -> None:
-    nlp, instances = many_rows()
-    together = SOLVER.solve_batch(nlp, instances)
+    nlp, batch = many_rows()
+    together = SOLVER.solve_batch(nlp, batch)
     assert 0.5 < together.success.mean() < 1.0
-    for row in range(len(instances)):
-        alone = SOLVER.solve_batch(nlp, instances[row : row + 1])
+    for row in range(len(batch)):
+        alone = SOLVER.solve_batch(nlp, batch[row : row + 1])
         assert alone.messages[0] == together.messages[row]
         np.testing.assert_array_equal(alone.x[0], together.x[row])
 

@@ -7,16 +7,16 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import FrozenInstanceError, dataclass, fields, is_dataclass
+from dataclasses import FrozenInstanceError, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 import pytest
-from available_solvers import each
+from available_solvers import GENERAL, each
 from backend_cases import Case, formation, guide
-from known_problems import active_box
+from known_problems import active_box, instances
 
 from casswarm.errors import SolverError
 from casswarm.nlp import Instances, Nlp, Residuals, Status
@@ -24,7 +24,6 @@ from casswarm.solvers import SOLVERS, Answer, Solver, make_solver
 from casswarm.solvers.base import failed
 
 NAMES = list(SOLVERS)
-GENERAL = [name for name in NAMES if SOLVERS[name].capabilities.problems == "any"]
 TIMED = [name for name in NAMES if SOLVERS[name].capabilities.time_limit]
 LIMITS: dict[str, dict[str, Any]] = {
     "alpaqa": {"max_iter": 2, "max_inner_iter": 2},
@@ -69,14 +68,14 @@ def test_solver_nan_parameter_is_not_success(name: str) -> None:
     """The objective of the second instance is NaN everywhere; the others do not suffer."""
     x, q = ca.MX.sym("x", 2), ca.MX.sym("q")
     nlp = Nlp("root", {"x": x}, {"q": q}, ca.sumsqr(x - ca.sqrt(q)), {})
-    wide, none = np.full((3, 2), 10.0), np.empty((3, 0))
-    parameters = np.array([[4.0], [-1.0], [9.0]])
-    instances = Instances(np.ones((3, 2)), parameters, -wide, wide, none, none)
-    solver = make_solver(name)
-    good, bad, other = solver.solve(nlp, instances)
+    batch = instances(np.ones((3, 2)), [[4.0], [-1.0], [9.0]], lbx=-10, ubx=10)
+    good, bad, other = make_solver(name).solve(nlp, batch)
     assert (good.status, other.status) == (Status.SOLVED, Status.SOLVED)
     np.testing.assert_allclose([good.x, other.x], [[2, 2], [3, 3]], atol=1e-5)
     assert not bad.status.success
+    if name in ("ipopt", "projected-gradient"):
+        assert bad.status is Status.FAILED
+        assert np.isnan(bad.objective)
     assert bad.residuals == Residuals(np.inf, np.inf, np.inf, "not finite")
 
 
@@ -84,8 +83,16 @@ def test_solver_nan_parameter_is_not_success(name: str) -> None:
 def test_solver_iteration_limit_is_reported(name: str) -> None:
     solution = make_solver(name, **LIMITS.get(name, {"max_iter": 2})).solve(*hard(name))[0]
     assert solution.status is Status.ITERATION_LIMIT, solution
+    assert not solution.status.success
     assert solution.message
     assert np.isfinite(solution.residuals.stationarity)
+
+
+@pytest.mark.parametrize("name", ["ipopt", "projected-gradient"])
+def test_single_iteration_is_counted(name: str) -> None:
+    case = active_box()
+    solution = make_solver(name, max_iter=1).solve(case.nlp, case.instance)[0]
+    assert (solution.status, solution.iterations) == (Status.ITERATION_LIMIT, 1)
 
 
 @pytest.mark.parametrize("name", each(TIMED))
@@ -100,27 +107,23 @@ def test_solvers_without_time_limit_have_no_option() -> None:
     assert set(GENERAL) - set(TIMED) == {"auto", "interior-point", "sqp"}
 
 
-@pytest.mark.parametrize("name", each(GENERAL))
-def test_all_solvers_reject_crossing_bounds(name: str) -> None:
+@pytest.mark.parametrize("apart", [0.0, 1.0])
+@pytest.mark.parametrize("name", each([*GENERAL, "projected-gradient"]))
+def test_all_solvers_reject_crossing_bounds(name: str, apart: float) -> None:
     case = active_box()
-    lower, upper = case.instance.ubx + 1.0, case.instance.lbx
-    upside_down = Instances(
-        case.instance.x0,
-        case.instance.p,
-        lower,
-        upper,
-        case.instance.lbg,
-        case.instance.ubg,
-    )
-    solution = make_solver(name).solve(case.nlp, upside_down)[0]
+    bounds = {"lbx": case.instance.ubx + apart, "ubx": case.instance.lbx}
+    solution = make_solver(name).solve(case.nlp, replace(case.instance, **bounds))[0]
     assert not solution.status.success
     assert solution.message
+    if name in ("ipopt", "projected-gradient"):
+        assert solution.status is Status.FAILED
+        assert solution.residuals.violation > 0
 
 
 INTERRUPTED = """
 import os, signal, sys, threading, time
 sys.path.insert(0, {tests!r})
-from available_solvers import each
+from available_solvers import GENERAL, each
 from backend_cases import guide
 from casswarm.solvers import make_solver
 
