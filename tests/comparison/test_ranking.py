@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from solver_runs import run
 
 from casswarm.comparison import (
     Tolerances,
@@ -30,42 +31,18 @@ def times(**columns: object) -> pd.DataFrame:
     return pd.DataFrame(columns, index=pd.Index(NAMES, name="problem"))
 
 
-def run(
-    problem: str, copy: int, solver: str, seconds: float, error: float = 0.0, objective: float = 1.0
-) -> dict[str, object]:
-    return {
-        "family": "f",
-        "problem": problem,
-        "copy": copy,
-        "start": "cold",
-        "solver": solver,
-        "reported_status": "solved",
-        "status": "solved",
-        "message": "",
-        "objective": objective,
-        "violation": 0.0,
-        "violated_row": "",
-        "stationarity": 0.0,
-        "complementarity": 0.0,
-        "relative_error": error,
-        "iterations": 1,
-        "evaluations": 1,
-        "build_seconds": 1.0 if solver == "quick" else 0.0,
-        "solve_seconds": seconds,
-        "objective_scale": 1.0,
-    }
-
-
 @pytest.fixture(scope="module")
 def table() -> pd.DataFrame:
     """quick is faster but builds longer, and is less exact; its objective of p0 is worse."""
+    exact = {"solve_seconds": 0.2, "relative_error": 1e-9, "build_seconds": 0.0}
+    quick = {"solve_seconds": 0.1, "relative_error": 1e-5, "build_seconds": 1.0}
     rows = [
         row
         for problem in NAMES
         for copy in range(3)
         for row in (
-            run(problem, copy, "exact", 0.2, 1e-9),
-            run(problem, copy, "quick", 0.1, 1e-5, 1.5 if problem == "p0" else 1.0),
+            run(problem, "exact", copy=copy, **exact),
+            run(problem, "quick", objective=1.5 if problem == "p0" else 1.0, copy=copy, **quick),
         )
     ]
     return verify(pd.DataFrame(rows), Tolerances())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
 from types import SimpleNamespace
@@ -13,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from available_solvers import each, needs
+from commands import python
 from hock_schittkowski import KNOWN, published
 from known_problems import INF, Known, active_box, instances, known, nearest_in_box
 
@@ -359,7 +358,5 @@ nlp = {"x": x, "f": 1e6 * (x[0] - 1) ** 4 + x[1] ** 2}
 problem = csw.Problem.from_casadi(nlp, x0=[50, 3])
 print(csw.solvers.Pounce().solve(problem.nlp, problem.starts["given"])[0].status)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
-    )
+    done = python("-c", script, timeout=60)
     assert (done.stdout, done.stderr) == ("solved\n", "")

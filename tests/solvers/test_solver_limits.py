@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import signal
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import FrozenInstanceError, dataclass, fields, is_dataclass, replace
@@ -16,6 +15,7 @@ import numpy as np
 import pytest
 from available_solvers import GENERAL, each
 from backend_cases import Case, formation, guide
+from commands import python
 from known_problems import active_box, instances
 
 from casswarm.errors import SolverError
@@ -145,10 +145,7 @@ for name in {names!r}:
 def test_ctrl_c_stops_every_solver() -> None:
     names = [name for name in GENERAL if not SOLVERS[name].unavailable()]
     script = INTERRUPTED.format(tests=str(Path(__file__).parents[1] / "helpers"), names=names)
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    done = python("-c", script, timeout=240)
     assert done.stdout.splitlines() == [f"{name} stopped" for name in names]
 
 
