@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from available_solvers import GENERAL
 from cutest_fakes import BIG, HS71, PYCUTEST, CUTEstProblem, Unconstrained
 from hock_schittkowski import published
 
@@ -23,11 +24,7 @@ KINDS: dict[str, Callable[[], csw.Problem]] = {
     "pycutest": lambda: csw.Problem.from_pycutest(CUTEstProblem()),
     "s2mpj": lambda: csw.Problem.from_s2mpj(HS71()),
 }
-GENERAL = [
-    name
-    for name, kind in SOLVERS.items()
-    if kind.capabilities.problems == "any" and not kind.unavailable()
-]
+RUNNING = [name for name in GENERAL if not SOLVERS[name].unavailable()]
 POINT = np.array([1.5, 2.0, 3.0, 2.5])
 
 
@@ -40,7 +37,7 @@ QUICK = ("ipopt", "sqp", "uno", "unopy", "slsqp")
 CASES = [
     pytest.param(kind, name, marks=() if name in QUICK else pytest.mark.slow)
     for kind in KINDS
-    for name in GENERAL
+    for name in RUNNING
 ]
 
 
