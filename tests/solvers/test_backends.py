@@ -230,25 +230,30 @@ def test_unopy_tables_have_every_name_of_the_package() -> None:
 # --- limits and failures
 
 
-def test_ipopt_time_limit_is_not_success() -> None:
-    solution = solve(published(71), Ipopt(time_limit=1e-9))
-    assert solution.status is Status.TIME_LIMIT
-    assert solution.message == "Maximum_WallTime_Exceeded"
+DOWNHILL = known("downhill", lambda x: -x[0], ([INF], -INF), [0])
+FAR = {"lbx": np.full(3, 2.0), "ubx": np.full(3, 5.0)}
+ENDINGS = [
+    (published(71), Ipopt(time_limit=1e-9), {}, Status.TIME_LIMIT, "Maximum_WallTime_Exceeded"),
+    (published(35), Ipopt(), FAR, Status.INFEASIBLE, "Infeasible_Problem_Detected"),
+    (DOWNHILL, Ipopt(), {}, Status.DIVERGED, "Diverging_Iterates"),
+    *(
+        (published(1), Ipopt(max_iter=count), {}, Status.ITERATION_LIMIT, "Maximum_Iterations")
+        for count in (0, 1, 5)
+    ),
+]
 
 
-@pytest.mark.parametrize("iterations", [0, 1, 5])
-def test_ipopt_respects_max_iter(iterations: int) -> None:
-    solution = solve(published(1), Ipopt(max_iter=iterations))
-    assert solution.status is Status.ITERATION_LIMIT
-    assert solution.iterations == iterations
-
-
-def test_ipopt_reports_infeasible_problem() -> None:
-    solution = solve(published(35), lbx=np.full(3, 2.0), ubx=np.full(3, 5.0))
-    assert solution.status is Status.INFEASIBLE
-    assert solution.message == "Infeasible_Problem_Detected"
-    assert solution.residuals.violation == pytest.approx(5, abs=1e-4)
-    assert solution.residuals.violated_row == "budget[0]"
+@pytest.mark.parametrize(("case", "solver", "changes", "status", "words"), ENDINGS)
+def test_ipopt_ends_without_success(
+    case: Known, solver: Ipopt, changes: dict[str, Any], status: Status, words: str
+) -> None:
+    solution = solve(case, solver, **changes)
+    assert (solution.status, solution.message[: len(words)]) == (status, words)
+    if status is Status.ITERATION_LIMIT:
+        assert solution.iterations == solver.max_iter
+    if status is Status.INFEASIBLE:
+        assert solution.residuals.violation == pytest.approx(5, abs=1e-4)
+        assert solution.residuals.violated_row == "budget[0]"
 
 
 @pytest.mark.parametrize("name", each(["pounce", "unopy"]))
@@ -257,12 +262,6 @@ def test_optional_solver_reports_infeasible_problem(name: str) -> None:
         "none", lambda x: x[0], ([0, 0], 0), [1, 1], rows={"disc": (ca.sumsqr, -INF, -1.0)}
     )
     assert solve(case, make_solver(name)).status is Status.INFEASIBLE
-
-
-def test_unbounded_problem_diverges() -> None:
-    solution = solve(known("downhill", lambda x: -x[0], ([INF], -INF), [0]))
-    assert solution.status is Status.DIVERGED
-    assert solution.message == "Diverging_Iterates"
 
 
 @needs("pounce")
@@ -387,26 +386,23 @@ SOLVERS = {
 @pytest.mark.parametrize("name", SOLVERS)
 @pytest.mark.parametrize("number", [14, 18, 35, 43, 71])
 def test_solver_finds_published_optimum(name: str, number: int) -> None:
-    case, solver = published(number), pickle.loads(pickle.dumps(SOLVERS[name]))
-    solution = solver.solve(case.nlp, case.instance)[0]
+    case = published(number)
+    solution = solve(case, pickle.loads(pickle.dumps(SOLVERS[name])))
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(case.objective, rel=1e-5)
     assert solution.solver == ("ipopt" if name == "plugin" else "minimize")
 
 
 def test_nlpsol_status_is_that_of_casadi() -> None:
-    case = published(71)
     options = {"ipopt": {"max_iter": 1, "print_level": 0}}
-    solution = NlpSol("ipopt", options).solve(case.nlp, case.instance)[0]
-    assert solution.status is Status.ITERATION_LIMIT
+    assert solve(published(71), NlpSol("ipopt", options)).status is Status.ITERATION_LIMIT
 
 
 def test_nlpsol_rejects_unknown_plugin_and_option() -> None:
-    case = published(35)
     with pytest.raises(SolverError, match="nosuch cannot run here: the nlpsol plugin 'nosuch'"):
-        NlpSol("nosuch").solve(case.nlp, case.instance)
+        solve(published(35), NlpSol("nosuch"))
     with pytest.raises(SolverError, match="cannot solve HS 35"):
-        NlpSol("ipopt", {"nosuch": 1}).solve(case.nlp, case.instance)
+        solve(published(35), NlpSol("ipopt", {"nosuch": 1}))
 
 
 def test_minimize_passes_functions_bounds_and_constraints() -> None:
@@ -424,30 +420,26 @@ def test_minimize_passes_functions_bounds_and_constraints() -> None:
         assert jac(x).shape == (4,)
         return SimpleNamespace(x=x, success=True, message=b"bytes", fun=fun(x))
 
-    solution = Minimize(inspect, {"extra": 3}).solve(case.nlp, case.instance)[0]
+    solution = solve(case, Minimize(inspect, {"extra": 3}))
     assert given == {"extra": 3, "kinds": ["eq", "ineq"], "values": [[0], [0]]}
     assert (solution.status, solution.message) == (Status.SOLVED, "bytes")
     assert (solution.iterations, solution.solver) == (0, "inspect")
 
 
 def test_minimize_failure_and_time_limit_are_statuses() -> None:
-    case = published(35)
-
     def endless(fun, x0, **_):
         while True:
             fun(x0)
 
-    solution = Minimize(endless, time_limit=0.05).solve(case.nlp, case.instance)[0]
+    solution = solve(published(35), Minimize(endless, time_limit=0.05))
     assert solution.status is Status.TIME_LIMIT
-    solution = Minimize(lambda *_, **__: 1 / 0).solve(case.nlp, case.instance)[0]
+    solution = solve(published(35), Minimize(lambda *_, **__: 1 / 0))
     assert solution.status is Status.FAILED
     assert "ZeroDivisionError" in solution.message
 
 
 def test_plugin_by_name_equals_its_class() -> None:
-    case = published(71)
-    named = SOLVERS["plugin"].solve(case.nlp, case.instance)[0]
-    own = Ipopt(tolerance=1e-9).solve(case.nlp, case.instance)[0]
+    named, own = (solve(published(71), by) for by in (SOLVERS["plugin"], Ipopt(tolerance=1e-9)))
     np.testing.assert_allclose(named.x, own.x, rtol=1e-6)
 
 

@@ -36,7 +36,11 @@ both = pytest.mark.parametrize("solver", [Ipopt(), ProjectedGradient()], ids=lam
 @both
 def test_solver_finds_corner_of_box(solver: Solver) -> None:
     case = active_box()
+    names = ("x0", "lbx", "ubx")
+    before = [getattr(case.instance, name).copy() for name in names]
     solution = solver.solve(case.nlp, case.instance)[0]
+    for name, array in zip(names, before, strict=True):  # the instance is as before
+        np.testing.assert_array_equal(getattr(case.instance, name), array)
     assert solution.status is Status.SOLVED
     assert solution.solver == solver.name
     np.testing.assert_allclose(solution.x, case.x, atol=1e-6)
@@ -72,21 +76,7 @@ def test_solve_batch_equals_solve(solver: Solver) -> None:
         assert batch.violation[i] == solution.residuals.violation
         assert batch.stationarity[i] == solution.residuals.stationarity
     assert batch.success.tolist() == [True, True, False]
-
-
-@both
-def test_solve_empty_batch_returns_nothing(solver: Solver) -> None:
     assert solver.solve(*nearest_in_box(np.empty((0, 2)))) == []
-
-
-@both
-def test_solve_does_not_modify_instances(solver: Solver) -> None:
-    case = active_box()
-    names = ("x0", "lbx", "ubx")
-    before = [getattr(case.instance, name).copy() for name in names]
-    solver.solve(case.nlp, case.instance)
-    for name, array in zip(names, before, strict=True):
-        np.testing.assert_array_equal(getattr(case.instance, name), array)
 
 
 def test_status_success_is_solved_or_acceptable() -> None:
@@ -118,6 +108,7 @@ def reported(*x: float, status: Status = Status.SOLVED) -> Solution:
 
 
 def test_solve_keeps_verified_status() -> None:
+    assert reported(1, 1, 0.5 + VIOLATION / 4).status is Status.SOLVED
     solution = reported(4 / 3, 7 / 9, 4 / 9)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(1 / 9)
@@ -147,10 +138,6 @@ def test_solve_unverified_success_is_failed(
     assert solution.residuals.violation > VIOLATION
 
 
-def test_solve_tolerates_small_violation() -> None:
-    assert reported(1, 1, 0.5 + VIOLATION / 4).status is Status.SOLVED
-
-
 @pytest.mark.parametrize("status", [status for status in Status if not status.success])
 def test_solve_never_turns_failure_into_success(status: Status) -> None:
     assert reported(4 / 3, 7 / 9, 4 / 9, status=status).status is status
@@ -165,14 +152,11 @@ def test_solve_missing_answer_raises() -> None:
 # --- solutions
 
 
-def test_solution_str_states_status_and_residuals() -> None:
-    text = str(reported(1, 1, 1))
-    assert text.startswith("failed by fixed (trust me): objective 0, violation 1.0e+00,")
-    assert text.endswith("3 iterations, 500.0 ms")
-
-
-def test_solution_as_row_contains_plain_values() -> None:
-    row = reported(1, 1, 1).as_row()
+def test_solution_is_stated_as_text_and_as_row_of_plain_values() -> None:
+    solution = reported(1, 1, 1)
+    assert str(solution).startswith("failed by fixed (trust me): objective 0, violation 1.0e+00,")
+    assert str(solution).endswith("3 iterations, 500.0 ms")
+    row = solution.as_row()
     assert "x" not in row
     assert row["status"] == "failed"
     assert type(row["status"]) is str
@@ -395,26 +379,12 @@ def test_suppressed_ctrl_c_stops_solve(raised: type[Exception] | None) -> None:
         Suppressing(raised).solve(nlp, instance)
 
 
-@dataclass(frozen=True)
-class Leaving(Solver):
-    """A solver whose code ends the interpreter, when it builds a problem or when it solves one."""
-
-    building: bool
-
-    name: ClassVar[str] = "leaving"
-    summary: ClassVar[str] = "calls sys.exit"
-
-    def prepare(self, nlp: Nlp) -> None:  # noqa: ARG002
-        if self.building:
-            sys.exit(0)
-
-    def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:  # noqa: ARG002
-        sys.exit(0)
-
-
-@pytest.mark.parametrize(("building", "words"), [(True, "building raised"), (False, "raised")])
-def test_exit_in_solver_is_failed_solution(building: bool, words: str) -> None:
-    nlp, instance = active_box().nlp, active_box().instance
-    solution = Leaving(building).solve(nlp, instance)[0]
+@pytest.mark.parametrize(("call", "words"), [("prepare", "building raised"), ("run", "raised")])
+def test_exit_in_solver_is_failed_solution(
+    call: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Code that ends the interpreter, when it builds a problem or when it solves one."""
+    monkeypatch.setattr(FixedAnswer, call, lambda *_: sys.exit(0))
+    solution = FixedAnswer((0.0, 0.0)).solve(active_box().nlp, active_box().instance)[0]
     assert solution.status is Status.FAILED
     assert solution.message.startswith(f"{words} SystemExit")
