@@ -38,32 +38,23 @@ tables = arrays(
 def test_performance_profile_equals_hand_calculation() -> None:
     profile = performance_profile(BY_HAND)
     assert profile.index.tolist() == [1, 2, 3, 4]
-    assert profile["a"].tolist() == [0.5, 0.5, 0.5, 0.75]
-    assert profile["b"].tolist() == [0.5, 0.75, 0.75, 0.75]
-    assert profile["c"].tolist() == [0, 0, 0.25, 0.5]
+    a, b, c = [0.5, 0.5, 0.5, 0.75], [0.5, 0.75, 0.75, 0.75], [0, 0, 0.25, 0.5]
+    assert profile[["a", "b", "c"]].to_numpy().T.tolist() == [a, b, c]
+    for at, fractions in ((0.9, [0, 0, 0]), (2.9, [0.5, 0.75, 0]), (1e9, [0.75, 0.75, 0.5])):
+        assert fraction_at(profile, at).tolist() == fractions
 
 
 def test_data_profile_equals_hand_calculation() -> None:
     profile = data_profile(BY_HAND, [1.0, 2.0, 2.0, 1.0])
     assert profile.index.tolist() == [0.5, 1, 1.5, 2, 4]
-    assert profile["a"].tolist() == [0, 0.5, 0.5, 0.75, 0.75]
-    assert profile["b"].tolist() == [0.25, 0.5, 0.5, 0.75, 0.75]
-    assert profile["c"].tolist() == [0, 0, 0.25, 0.25, 0.5]
-
-
-def test_fraction_at_between_steps() -> None:
-    profile = performance_profile(BY_HAND)
-    assert fraction_at(profile, 0.9).tolist() == [0, 0, 0]
-    assert fraction_at(profile, 2.9).tolist() == [0.5, 0.75, 0]
-    assert fraction_at(profile, 1e9).tolist() == [0.75, 0.75, 0.5]
+    a, b, c = [0, 0.5, 0.5, 0.75, 0.75], [0.25, 0.5, 0.5, 0.75, 0.75], [0, 0, 0.25, 0.25, 0.5]
+    assert profile[["a", "b", "c"]].to_numpy().T.tolist() == [a, b, c]
 
 
 def test_pairwise_wins_equal_hand_count_without_ties() -> None:
-    wins = pairwise_wins(BY_HAND)
-    assert (wins.loc["a", "b"], wins.loc["b", "a"]) == (0.25, 0.25)
-    assert (wins.loc["a", "c"], wins.loc["c", "a"]) == (0.5, 0.25)
-    assert (wins.loc["b", "c"], wins.loc["c", "b"]) == (0.75, 0)
-    assert np.isnan(np.diag(wins)).all()
+    wins = pairwise_wins(BY_HAND).loc[["a", "b", "c"], ["a", "b", "c"]]
+    nan = np.nan
+    np.testing.assert_array_equal(wins, [[nan, 0.25, 0.5], [0.25, nan, 0.75], [0.25, 0, nan]])
 
 
 def test_pairwise_profile_is_independent_of_others() -> None:
@@ -109,19 +100,12 @@ def test_profiles_end_at_fraction_solved(table) -> None:
 
 @pytest.mark.parametrize(
     ("costs", "words"),
-    [
-        (pd.DataFrame({"a": []}), "at least one problem"),
-        (pd.DataFrame({"a": [0.0]}), "above zero"),
-        (pd.DataFrame({"a": [np.nan]}), "above zero"),
-    ],
+    [([], "at least one problem"), ([0.0], "above zero"), ([np.nan], "above zero")],
 )
-def test_profiles_reject_invalid_costs(costs: pd.DataFrame, words: str) -> None:
+def test_profiles_reject_invalid_costs_and_units(costs: list[float], words: str) -> None:
     for function in (performance_profile, data_profile):
         with pytest.raises(ValueError, match=words):
-            function(costs)
-
-
-def test_data_profile_rejects_invalid_units() -> None:
+            function(pd.DataFrame({"a": costs}))
     with pytest.raises(ValueError, match="units must be finite"):
         data_profile(BY_HAND, [1, 1, 0, 1])
 
