@@ -12,13 +12,12 @@ import casadi as ca
 import cloudpickle
 import numpy as np
 import pytest
-from known_problems import active_box, nearest_in_box
+from known_problems import active_box
 from parametric_cases import scene, steered
 from small_scenarios import patrolled, small
 
 import casswarm as csw
 from casswarm.comparison import make_problems
-from casswarm.comparison.perturbation import problem_copies
 from casswarm.formation import CompiledObjective, formation_program
 from casswarm.grid import ValueFunction
 from casswarm.hazard import CustomHazard, Saturation, SaturationCollision
@@ -139,10 +138,3 @@ def test_pickled_program_or_policy_has_the_same_numbers(name: str) -> None:
 def test_parametric_policy_survives_cloudpickle() -> None:
     policy = steered(scene(2))
     assert decisions(cloudpickle.loads(cloudpickle.dumps(policy))) == decisions(policy)
-
-
-def test_copy_of_parametric_problem_pickles() -> None:
-    nlp, instances = nearest_in_box(np.array([[0.25, 4.0]]))
-    _, changed = problem_copies([csw.Problem("p", "f", nlp, {"cold": instances})], 1, 0)
-    (found,) = csw.solvers.Ipopt().run(pickled(changed.nlp), changed.starts["cold"])
-    np.testing.assert_allclose(changed.restored(found).x, [0.25, 1.0], atol=1e-6)

@@ -14,7 +14,6 @@ from solver_runs import run
 
 import casswarm as csw
 from casswarm.comparison import Comparison, Tolerances, make_report, verify
-from casswarm.comparison.run import environment
 
 MEASURED = {"relative_error": 1e-9, "build_seconds": 1e-3, "time_ratio": 1.0}
 PROBLEMS = [f"p{number}" for number in range(8)]
@@ -34,7 +33,6 @@ def made(seconds: dict[str, float], seed: int = 0, problems: list[str] = PROBLEM
         "solvers": {name: name for name in seconds},
         "problems": dict.fromkeys(problems, "hash"),
         "tolerances": {"violation": 1e-6},
-        **environment(),
     }
     return Comparison(verify(pd.DataFrame(rows), Tolerances()), pd.DataFrame(), inputs)
 

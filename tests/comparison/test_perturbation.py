@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hock_schittkowski import KNOWN, published
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known_problems import planar
+from known_problems import nearest_in_box, planar
 
 from casswarm.comparison import Problem
 from casswarm.comparison.perturbation import ProblemCopy, Reformulation, problem_copies
@@ -124,3 +126,10 @@ def test_instances_scale_follows_the_objective() -> None:
     changed = change.instances(case.instance)
     assert isinstance(changed, Instances)
     assert changed.scale.tolist() == [[1.0, change.f_scale]]
+
+
+def test_copy_of_parametric_problem_pickles() -> None:
+    nlp, instances = nearest_in_box(np.array([[0.25, 4.0]]))
+    copy = copies_of(Problem("p", "f", nlp, {"cold": instances}))[1]
+    found = Ipopt().solve(pickle.loads(pickle.dumps(copy.nlp)), copy.starts["cold"])[0]
+    np.testing.assert_allclose(copy.restored(answer(found.x)).x, [0.25, 1.0], atol=1e-6)

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from casswarm.errors import HazardError
 from casswarm.hazard.codegen import lower, lower_source
-from casswarm.nlp.operations import OPERATIONS, operation_name
+from casswarm.nlp import operations
 
 
-def operations(kernel: Callable[..., Any], inputs: int) -> set[int]:
+def used(kernel: Callable[..., Any], inputs: int) -> set[int]:
     symbols = [ca.SX.sym(f"x{i}") for i in range(inputs)]
     function = ca.Function("kernel", symbols, [kernel(*symbols)])
     return {function.instruction_id(k) for k in range(function.n_instructions())}
@@ -42,15 +42,15 @@ def numbers(limits: tuple[float, float]) -> st.SearchStrategy[list[float]]:
 def test_all_operations_are_compared() -> None:
     # an assignment is nothing that an expression could ask for
     assert {*UNARY, *BINARY, ca.OP_ASSIGN} == {
-        code for code, each in OPERATIONS.items() if each.array
+        code for code, each in operations.OPERATIONS.items() if each.array
     }
 
 
-@pytest.mark.parametrize("operation", [*UNARY, *BINARY], ids=operation_name)
+@pytest.mark.parametrize("operation", [*UNARY, *BINARY], ids=operations.operation_name)
 def test_operation_equals_casadi(operation: int) -> None:
     kernel, limits = UNARY.get(operation) or BINARY[operation]
     inputs = 1 if operation in UNARY else 2
-    assert operation in operations(kernel, inputs)
+    assert operation in used(kernel, inputs)
 
     @settings(max_examples=15, deadline=None, derandomize=True)
     @given(points=st.tuples(*[numbers(limits)] * inputs))

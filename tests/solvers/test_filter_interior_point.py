@@ -18,15 +18,7 @@ from threadpoolctl import threadpool_info
 from casswarm._util.threads import one_blas_thread
 from casswarm.nlp import Instances, Nlp, Status
 from casswarm.solvers import FilterInteriorPoint, Ipopt
-from casswarm.solvers.interior_point.derivatives import (
-    FunctionProblems,
-    Functions,
-    numeric_problems,
-    program_functions,
-)
-from casswarm.solvers.interior_point.engine import minimise
-from casswarm.solvers.interior_point.iterates import Options
-from casswarm.solvers.interior_point.tape import Calls
+from casswarm.solvers.interior_point import derivatives, engine, iterates, tape
 
 SOLVER = FilterInteriorPoint()
 NO_MULTIPLIERS = 13
@@ -93,9 +85,9 @@ def test_answers_do_not_depend_on_the_rest_of_the_batch(seed: int, count: int) -
 
 
 def test_answers_do_not_depend_on_how_many_advance_together() -> None:
-    batch, options = valleys(7, 40), Options(1e-8, 1e-8, 0.1, 0.01, 100)
-    problems = numeric_problems(VALLEY, batch.p)
-    few, many = (minimise(problems, batch, options, width) for width in (3, 40))
+    batch, options = valleys(7, 40), iterates.Options(1e-8, 1e-8, 0.1, 0.01, 100)
+    problems = derivatives.numeric_problems(VALLEY, batch.p)
+    few, many = (engine.minimise(problems, batch, options, width) for width in (3, 40))
     assert (few.x == many.x).all()
     assert (few.iterations == many.iterations).all()
     assert few.message == many.message
@@ -151,10 +143,10 @@ def test_more_active_rows_than_variables() -> None:
 
 def test_restoration_without_tapes() -> None:
     known = published(15)
-    options, rows = Options(1e-8, 1e-8, 0.1, 0.01, 500, 0.0), np.arange(1)
-    tapes = numeric_problems(known.nlp, known.instance.p)
-    casadi = FunctionProblems(Functions.calls(known.nlp), known.instance.p)
-    one, other = (minimise(each, known.instance, options, 1) for each in (tapes, casadi))
+    options, rows = iterates.Options(1e-8, 1e-8, 0.1, 0.01, 500, 0.0), np.arange(1)
+    tapes = derivatives.numeric_problems(known.nlp, known.instance.p)
+    casadi = derivatives.FunctionProblems(derivatives.Functions.calls(known.nlp), known.instance.p)
+    one, other = (engine.minimise(each, known.instance, options, 1) for each in (tapes, casadi))
     np.testing.assert_allclose(one.x[rows], other.x[rows], rtol=1e-6)
     assert one.status == other.status == [Status.SOLVED]
 
@@ -171,7 +163,7 @@ def test_operations_that_are_not_scalar_are_evaluated_by_casadi() -> None:
     grid = np.linspace(-3.0, 3.0, 31)
     table = ca.interpolant("table", "bspline", [grid], (grid - 1) ** 2)
     nlp, batch = parabola(table, lbx=-2.0, ubx=2.0)
-    assert isinstance(program_functions(nlp).values, Calls)
+    assert isinstance(derivatives.program_functions(nlp).values, tape.Calls)
     (solution,) = SOLVER.solve(nlp, batch)
     assert solution.status is Status.SOLVED
     assert solution.x[0] == pytest.approx(1.0, abs=1e-6)
@@ -260,7 +252,7 @@ def test_programs_with_too_many_operations_have_no_tapes() -> None:
     weights = np.random.default_rng(0).normal(size=(size, size))
     dense = ca.sumsqr(ca.tanh(weights @ ca.tanh(weights @ x)))
     nlp = Nlp.from_expressions("dense", x, ca.SX(0, 1), dense, ca.SX(0, 1))
-    assert isinstance(program_functions(nlp).values, Calls)
+    assert isinstance(derivatives.program_functions(nlp).values, tape.Calls)
 
 
 def test_empty_batch_has_an_empty_solution() -> None:
