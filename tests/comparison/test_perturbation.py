@@ -35,7 +35,6 @@ def answer(x, multipliers=None) -> Answer:
 def test_copy_has_the_functions_of_the_original(number: int, seed: int) -> None:
     case, (_, copy) = KNOWN[number], copies_of(problem(number), 1, seed)
     start, change = copy.starts["cold"], copy.reformulation
-    assert change is not None
     x = copy.restored(answer(start.x0[0])).x
     objective, g = (np.asarray(v).ravel() for v in case.nlp.evaluate(x, []))
     new_objective, new_g = (np.asarray(v).ravel() for v in copy.nlp.evaluate(start.x0[0], []))
@@ -51,7 +50,6 @@ def test_copy_has_the_functions_of_the_original(number: int, seed: int) -> None:
 def test_optimum_of_the_original_is_optimum_of_the_copy(number: int, seed: int) -> None:
     case, (_, copy) = KNOWN[number], copies_of(problem(number), 1, seed)
     change = copy.reformulation
-    assert change is not None
     y = (case.x / change.x_scale)[change.variables]
     bounds = (case.bound_multipliers * change.x_scale)[change.variables] * change.f_scale
     rows = (case.row_multipliers / change.g_scale)[change.constraints] * change.f_scale
@@ -59,7 +57,6 @@ def test_optimum_of_the_original_is_optimum_of_the_copy(number: int, seed: int) 
     assert max(residuals.violation, residuals.stationarity, residuals.complementarity) < 1e-5
     restored = copy.restored(answer(y, (bounds, rows)))
     np.testing.assert_allclose(restored.x, case.x, rtol=1e-15)
-    assert restored.multipliers is not None
     np.testing.assert_allclose(restored.multipliers[0], case.bound_multipliers, atol=1e-15)
     np.testing.assert_allclose(restored.multipliers[1], case.row_multipliers, atol=1e-15)
 

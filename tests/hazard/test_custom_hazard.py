@@ -19,16 +19,7 @@ RADARS = ((4.4, 4.6), (4.5, 3.0))
 CONSTANTS: Any = {"alpha_1": 3.0, "alpha_2": 2.0, "alpha_3": 5.0, "beta_1": 0.3, "beta_2": 4}
 
 
-def paper_rates(
-    positions: Any,
-    alive: Any,
-    radars: Any,
-    alpha_1: float,
-    alpha_2: float,
-    alpha_3: float,
-    beta_1: float,
-    beta_2: float,
-) -> Any:
+def paper_rates(positions, alive, radars, alpha_1, alpha_2, alpha_3, beta_1, beta_2):
     """Scenario II of the paper, as somebody might write it down: loops, no regularisation."""
     n = positions.shape[0]
 
@@ -61,46 +52,32 @@ def tabulated(positions: Any, alive: Any, radars: Any, table: Any, label: str) -
     return table[1][0] + 0 * positions[:, 0]
 
 
-@pytest.fixture(scope="module")
-def own() -> CustomHazard:
-    return CustomHazard(paper_rates, RADARS, CONSTANTS)
-
-
-@pytest.fixture(scope="module")
-def builtin() -> SaturationCollision:
-    return SaturationCollision(RADARS, **CONSTANTS)
+OWN = CustomHazard(paper_rates, RADARS, CONSTANTS)
+BUILTIN = SaturationCollision(RADARS, **CONSTANTS)
 
 
 # --- the same formula gives the same numbers
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_custom_paper_formula_equals_builtin_rates(
-    own: CustomHazard, builtin: SaturationCollision, n: int
-) -> None:
+def test_custom_paper_formula_equals_builtin_rates(n: int) -> None:
     rng = np.random.default_rng(n)
     positions, alive = rng.uniform(0, 6, (300, n, 2)), rng.random((300, n)) < 0.6
-    rates = own.rates(positions, alive)
-    np.testing.assert_allclose(rates, builtin.rates(positions, alive), rtol=1e-11)
+    rates = OWN.rates(positions, alive)
+    np.testing.assert_allclose(rates, BUILTIN.rates(positions, alive), rtol=1e-11)
     assert (rates[~alive] == 0).all()
-    for mine, theirs in zip(
-        symbolic(own, n)(positions[0].T, alive[0]),
-        symbolic(builtin, n)(positions[0].T, alive[0]),
-        strict=True,
-    ):
+    symbols = (symbolic(each, n)(positions[0].T, alive[0]) for each in (OWN, BUILTIN))
+    for mine, theirs in zip(*symbols, strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-12)
 
 
-def test_custom_single_agent_rate_equals_builtin(
-    own: CustomHazard, builtin: SaturationCollision
-) -> None:
+def test_custom_single_agent_rate_equals_builtin() -> None:
     points = np.random.default_rng(1).uniform(0, 6, (7, 2))
-    np.testing.assert_allclose(
-        own.single_agent_rates(points), builtin.single_agent_rates(points), rtol=1e-12
-    )
+    found, expected = (each.single_agent_rates(points) for each in (OWN, BUILTIN))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
     x = ca.MX.sym("x", 2, 7)
     values = []
-    for hazard in (own, builtin):
+    for hazard in (OWN, BUILTIN):
         lone = hazard.single_agent_expression(x)
         slope = ca.gradient(ca.sum2(lone), x)
         values.append(ca.Function("lone", [x], [ca.vertcat(lone, slope)])(points.T))
@@ -109,15 +86,15 @@ def test_custom_single_agent_rate_equals_builtin(
 
 @pytest.mark.parametrize("chunk", [1, 3, 256])
 def test_custom_rates_of_batch_equal_single_states(
-    own: CustomHazard, chunk: int, monkeypatch: pytest.MonkeyPatch
+    chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(0)
     states, alive = rng.normal(size=(7, 3, 2)), rng.random((7, 3)) < 0.7
-    singles = np.array([own.rates(x, a) for x, a in zip(states, alive, strict=True)])
+    singles = np.array([OWN.rates(x, a) for x, a in zip(states, alive, strict=True)])
     monkeypatch.setattr("casswarm.hazard.custom._CHUNK", chunk)
     for size in (1, 2, 7):
-        np.testing.assert_array_equal(own.rates(states[:size], alive[:size]), singles[:size])
-    assert own.rates(states[:0], alive[:0]).shape == (0, 3)
+        np.testing.assert_array_equal(OWN.rates(states[:size], alive[:size]), singles[:size])
+    assert OWN.rates(states[:0], alive[:0]).shape == (0, 3)
 
 
 def test_custom_rates_may_be_row_column_or_numbers() -> None:

@@ -315,7 +315,6 @@ def test_answer_does_not_depend_on_scale(name: str, options: dict[str, Any], cas
     for answer in (plain, other):
         assert answer.status is Status.SOLVED
         np.testing.assert_allclose(answer.x, case.x, atol=1e-5)
-        assert answer.multipliers is not None
         np.testing.assert_allclose(answer.multipliers[0], case.bound_multipliers, atol=2e-4)
         np.testing.assert_allclose(answer.multipliers[1], case.row_multipliers, atol=2e-4)
 
@@ -463,7 +462,6 @@ def test_callback_is_called_beside_the_recording_of_iterates(signature: str) -> 
     case = published(1)
     solver = lbfgsb(of_point if signature == "x" else of_result)
     iterates = solver.iterates(case.nlp, case.instance)
-    assert iterates is not None
     assert len(seen) > 3
     np.testing.assert_array_equal(iterates.x[1:], seen)
 
@@ -474,5 +472,4 @@ def test_callback_can_stop_a_solve_whose_iterates_are_recorded() -> None:
 
     case = published(1)
     iterates = lbfgsb(stop).iterates(case.nlp, case.instance)
-    assert iterates is not None
     assert iterates.numbers.tolist() == [0, 1]

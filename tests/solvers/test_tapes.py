@@ -75,7 +75,6 @@ def test_sparse_factors_solve_the_dense_systems(seed: int, size: int, rows: int)
     rng, batch = np.random.default_rng(seed), 70
     hessian, jacobian = random_pattern(rng, size, rows)
     system = SparseSystem.of(size, hessian, jacobian)
-    assert system is not None
     values = [rng.normal(size=(batch, part.shape[1])) for part in (hessian, jacobian)]
     values += [rng.uniform(0.1, 9.0, (batch, part)) for part in (rows, size)]
     columns = tuple(np.ascontiguousarray(value.T) for value in values)
@@ -100,7 +99,6 @@ def test_sparse_factors_solve_the_dense_systems(seed: int, size: int, rows: int)
 def test_elimination_of_a_chain_has_no_fill() -> None:
     chain = np.arange(49)
     pattern = eliminate(50, chain, chain + 1)
-    assert pattern is not None
     assert len(pattern.rows) == 50 + 49
 
 
