@@ -3,19 +3,46 @@
 from __future__ import annotations
 
 import ast
+import pickle
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
+import numpy as np
 import pytest
-from refusals import declared, refused
 
 import casswarm as csw
 from casswarm import errors
+from casswarm.comparison import make_problems
 from casswarm.envs import SwarmVectorEnv
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = csw.load_scenario("paper-1")
+RADARS = ((0.0, 0.0),)
+X = ca.SX.sym("x", 2)
+BOWL = {"x": X, "f": ca.sumsqr(X)}
+SATURATION: dict[str, Any] = {"alpha_1": 4.0, "alpha_2": 3.0, "alpha_3": 4.0}
+
+
+def saturation(**values: Any) -> csw.Saturation:
+    """Rates of one radar, with other values."""
+    return csw.Saturation(**{"radars": RADARS, **SATURATION, **values})
+
+
+def one_rate(positions: ca.MX, _alive: ca.MX) -> ca.MX:
+    """Return a single rate, whatever the number of members."""
+    return positions[0, 0] ** 2
+
+
+def negative(positions: ca.MX, _alive: ca.MX) -> ca.MX:
+    """Return negative rates."""
+    return -1 - positions[:, 0] ** 2
+
+
+def bounded(lower: np.ndarray, _upper: np.ndarray) -> np.ndarray:
+    """Return a number that is no lower bound."""
+    return np.full(lower.shape[:-1], 1e9)
 
 
 def parametric(function: Any, parameters: Any) -> csw.ParametricPolicy:
@@ -45,6 +72,72 @@ REFUSALS: dict[type[errors.CasswarmError], dict[str, Refusal]] = {
         "sweep of an unknown key": (
             lambda: csw.sweep(SCENARIO, {"formation.roh": [1.0]}),
             {"key": "formation.roh"},
+        ),
+    },
+    errors.HazardError: {
+        "shape of radars": (
+            lambda: saturation(radars=((0.0, 0.0, 0.0),)),
+            {"key": "radars", "shape": (1, 3)},
+        ),
+        "texts as radars": (
+            lambda: saturation(radars="here"),
+            {"key": "radars", "value": "'here'"},
+        ),
+        "infinite radars": (
+            lambda: saturation(radars=((np.inf, 0.0),)),
+            {"key": "radars", "value": ((np.inf, 0.0),)},
+        ),
+        "no radars": (lambda: saturation(radars=()), {"key": "radars"}),
+        "a wrong parameter of rates": (
+            lambda: saturation(alpha_2=-1.0),
+            {"key": "alpha_2", "value": -1.0},
+        ),
+        "a strength too many": (
+            lambda: saturation(strengths=(1.0, 2.0)),
+            {"key": "strengths", "value": (1.0, 2.0), "expected": 1},
+        ),
+        "a negative strength": (
+            lambda: saturation(strengths=(-1.0,)),
+            {"key": "strengths", "value": (-1.0,)},
+        ),
+        "shape of positions": (
+            lambda: saturation().rates([1.0, 2.0]),
+            {"key": "positions", "shape": (2,)},
+        ),
+        "shape of alive": (
+            lambda: saturation().rates([[1.0, 2.0]], [True, False]),
+            {"key": "alive", "shape": (2,), "expected": (1,)},
+        ),
+        "positions that are not finite": (
+            lambda: saturation().rates([[np.nan, 2.0]]),
+            {"key": "positions"},
+        ),
+        "shape of points": (
+            lambda: saturation().single_agent_rates([1.0, 2.0, 3.0]),
+            {"key": "points", "shape": (3,)},
+        ),
+        "negative rates": (
+            lambda: csw.CustomHazard(negative).rates([[2.0, 1.0]]),
+            {"hazard": "hazard 'negative'", "state": 0, "member": 0, "rate": -5.0}
+            | {"position": (2.0, 1.0)},
+        ),
+        "one rate for two members": (
+            lambda: csw.CustomHazard(one_rate),
+            {"hazard": "hazard 'one_rate'", "members": 2, "shape": (1, 1), "expected": (2, 1)},
+        ),
+        "rates that are no function": (
+            lambda: csw.CustomHazard(3),  # type: ignore[arg-type]
+            {"function": "3"},
+        ),
+        "unknown arguments of rates": (
+            lambda: csw.CustomHazard(negative, parameters={"alpha_1": 1.0}),
+            {"value": ["alpha_1"], "expected": ["positions", "_alive"]},
+        ),
+        "a bound above the rate": (
+            lambda: csw.CustomHazard(
+                lambda x, _alive: x[:, 0] ** 2, lower_bound=bounded
+            ).single_agent_lower_bound(np.zeros((1, 2)), np.ones((1, 2))),
+            {"bound": 1e9, "rate": 0.0, "position": (0.0, 0.0)},
         ),
     },
     errors.PolicyError: {
@@ -88,6 +181,20 @@ REFUSALS: dict[type[errors.CasswarmError], dict[str, Refusal]] = {
             {"solver": "ipopt", "option": "max_iter"},
         ),
     },
+    errors.ProblemError: {
+        "start that is no number": (
+            lambda: csw.Problem.from_casadi(BOWL, "bowl", x0=[1, np.nan]),
+            {"problem": "bowl", "start": "given", "key": "x0"},
+        ),
+        "bounds that cross": (
+            lambda: csw.Problem.from_casadi(BOWL, "bowl", lbx=2, ubx=1),
+            {"problem": "bowl", "value": (2.0, 1.0)},
+        ),
+        "start of another size": (
+            lambda: csw.Problem.from_casadi(BOWL, "bowl", x0=[1, 2, 3]),
+            {"problem": "bowl", "key": "x0", "value": 3, "expected": 2},
+        ),
+    },
     errors.PlanningError: {
         "guide within no time": (lambda: csw.plan(SCENARIO, time_limit=1e-9), {"time_limit": 1e-9}),
     },
@@ -101,6 +208,30 @@ REFUSALS: dict[type[errors.CasswarmError], dict[str, Refusal]] = {
             {"key": "num_envs", "value": 0},
         ),
     },
+    errors.ComparisonError: {
+        "unknown family": (lambda: make_problems("quikc"), {"family": "quikc"}),
+        "no problem of a family": (lambda: make_problems("quick", 0), {"key": "count", "value": 0}),
+        "formations of one member": (
+            lambda: csw.formation_problems(csw.load_scenario("single-agent")),
+            {"scenario": "single-agent"},
+        ),
+        "formations of planned paths": (
+            lambda: csw.formation_problems(SCENARIO, ["joint"]),
+            {"policy": "joint"},
+        ),
+        "solvers of the same name": (
+            lambda: csw.compare([], [csw.solvers.Ipopt(), csw.solvers.Ipopt(max_iter=3)]),
+            {"solver": "ipopt"},
+        ),
+        "copies of a problem": (
+            lambda: csw.compare([], "ipopt", copies=-1),
+            {"key": "copies", "value": -1},
+        ),
+        "tolerance below zero": (
+            lambda: csw.Tolerances(objective=-1),
+            {"key": "objective", "value": -1},
+        ),
+    },
 }
 
 
@@ -111,12 +242,21 @@ def test_refusal_carries_its_values_also_when_pickled(
     kind: type[errors.CasswarmError], refusal: str
 ) -> None:
     function, values = REFUSALS[kind][refusal]
-    error = refused(kind, function)
-    assert {name: getattr(error, name) for name in values} == values
+    with pytest.raises(kind) as caught:
+        function()
+    assert type(caught.value) is kind
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
+        assert {name: getattr(error, name) for name in values} == values
+        assert str(error) == str(caught.value)
 
 
 def test_value_that_an_error_is_not_about_is_none() -> None:
     assert csw.PlanningError("no guide found").time_limit is None
+
+
+def declared(kind: type) -> set[str]:
+    """Names of the values that a class of errors and its bases declare."""
+    return {name for base in kind.__mro__ for name in vars(base).get("__annotations__", {})}
 
 
 def given(folder: str) -> Iterator[tuple[str, str, str]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
 from faulty_solvers import SlowAtFirst
 from hock_schittkowski import published
 from known_problems import active_box, nearest_in_box
-from refusals import refused
 from solver_runs import run
 
 import casswarm as csw
@@ -59,58 +60,34 @@ def test_formation_problems_have_free_members(quick):
             assert solution.status.success
 
 
-TWO = nearest_in_box(np.zeros((2, 2)))
-GUIDE = "guide-10-0"
+TWO, BOTH = nearest_in_box(np.zeros((2, 2)))
 REFUSED = [
-    (lambda _: make_problems("guidess"), "did you mean 'guides'", {"family": "guidess"}),
-    (lambda _: make_problems("guides", 0), "count = 0; allowed", {"key": "count", "value": 0}),
-    (lambda _: csw.compare("quik"), "did you mean 'quick'", {}),
-    (lambda given: csw.compare(given, []), "no solver given", {}),
+    (lambda _: make_problems("guidess"), "did you mean 'guides'"),
+    (lambda _: make_problems("guides", 0), "count = 0; allowed"),
+    (lambda _: csw.compare("quik"), "did you mean 'quick'"),
+    (lambda given: csw.compare(given, []), "no solver given"),
     (
         lambda given: csw.compare([given], [Ipopt(), Ipopt(tolerance=1e-4)]),
         "solvers of the same name: ipopt; give a mapping",
-        {"solver": "ipopt"},
     ),
-    (lambda given: csw.compare([given] * 2, "ipopt"), f"problems of the same name: {GUIDE}", {}),
+    (lambda given: csw.compare([given] * 2, "ipopt"), "problems of the same name: guide-10-0"),
+    (lambda _: Problem("two", "f", TWO, {"cold": BOTH}), "has 2 instances as its cold start"),
     (
-        lambda _: Problem("two", "boxes", TWO[0], {"cold": TWO[1]}),
-        "has 2 instances as its cold start",
-        {},
-    ),
-    (
-        lambda given: csw.compare([given], ["ipopt"], copies=-1),
+        lambda given: csw.compare(given, "ipopt", copies=-1),
         "copies = -1; allowed: whole numbers from 0",
-        {"key": "copies", "value": -1},
     ),
-    (lambda given: csw.compare([given], ["ipopt"], copies=1.5), "copies = 1.5", {}),
-    (lambda given: csw.compare([given], ["ipopt"], time_limit=0), "time_limit = 0", {}),
-    (
-        lambda _: Tolerances(objective=-1),
-        "tolerance objective = -1",
-        {"key": "objective", "value": -1},
-    ),
-    (
-        lambda _: csw.formation_problems(csw.load_scenario("single-agent")),
-        "",
-        {"scenario": "single-agent"},
-    ),
-    (
-        lambda _: csw.formation_problems(csw.load_scenario("paper-1"), ["joint"]),
-        "",
-        {"policy": "joint"},
-    ),
+    (lambda given: csw.compare(given, "ipopt", copies=1.5), "copies = 1.5"),
+    (lambda given: csw.compare(given, "ipopt", time_limit=0), "time_limit = 0"),
+    (lambda _: Tolerances(objective=-1), "tolerance objective = -1"),
 ]
 
 
-@pytest.mark.parametrize(("call", "words", "values"), REFUSED)
-def test_invalid_arguments_are_refused(quick, call, words, values):
-    error = refused(ComparisonError, call, quick[0])
-    assert words in str(error)
-    assert {name: getattr(error, name) for name in values} == values
-
-
-def test_compare_rejects_unknown_solver(quick):
-    assert "did you mean 'ipopt'" in str(refused(SolverError, csw.compare, [quick[0]], ["ipop"]))
+@pytest.mark.parametrize(("call", "words"), REFUSED)
+def test_invalid_arguments_are_refused(quick, call, words):
+    with pytest.raises(ComparisonError, match=re.escape(words)):
+        call(quick[0])
+    with pytest.raises(SolverError, match="did you mean 'ipopt'"):
+        csw.compare([quick[0]], ["ipop"])
 
 
 # --- verification, of a table written by hand

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import pickle
-import re
-from functools import partial
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 from hock_schittkowski import MORE, dictionary, published, stack
-from refusals import refused
 
 import casswarm as csw
 from casswarm.solvers import Ipopt
@@ -109,22 +106,13 @@ REFUSED = {
     "nothing": ({"x": ca.SX(0, 1)}, {}, "has no variables"),
     "no value": (NLP | {"p": ca.SX.sym("p")}, {"lbg": 0}, "parameters without values; give p"),
 }
-CARRIED = {
-    "nan start": {"problem": "mine", "start": "given", "key": "x0"},
-    "crossed": {"problem": "mine", "value": (2.0, 1.0)},
-    "size": {"problem": "mine", "key": "x0", "value": 3, "expected": 2},
-}
-"""Values of some of these errors."""
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_from_casadi_refusal_names_problem_and_reason(name: str) -> None:
     nlp, arguments, reason = REFUSED[name]
-    call = partial(csw.Problem.from_casadi, nlp, "mine", **arguments)
-    error = refused(csw.ProblemError, call)
-    assert re.search(f"problem 'mine'.*{reason}", str(error))
-    values = CARRIED.get(name, {})
-    assert {key: getattr(error, key) for key in values} == values
+    with pytest.raises(csw.ProblemError, match=f"problem 'mine'.*{reason}"):
+        csw.Problem.from_casadi(nlp, "mine", **arguments)
 
 
 def test_from_opti_refuses_integers_and_missing_values() -> None:

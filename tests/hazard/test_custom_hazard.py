@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -148,68 +147,51 @@ def pair(positions: Any, alive: Any) -> Any:
     return alive * (positions[1, 0] if positions.shape[0] == 1 else 1.0)
 
 
-UNKNOWN = {"value": ["alpha_1", "radars"], "expected": ["positions", "alive", "strength"]}
-REFUSED: list[tuple[tuple[Any, ...], str, dict[str, Any]]] = [
-    (
-        (broken,),
-        "broken' failed on 1 member with CasADi arguments: LookupError: no such radar",
-        {"hazard": "hazard 'broken'", "members": 1},
-    ),
-    (
-        (scaled, [(0, 0)], {"strength": 1.0, "alpha_1": 3.0}),
-        "scaled' takes positions, alive, strength, not alpha_1, radars: remove "
-        "hazard.parameters.alpha_1, hazard.radars from the scenario, where a template",
-        UNKNOWN,
-    ),
-    ((height, RADARS), "takes positions, alive, scale, not radars", {}),
-    ((3,), "3 is not a function of (positions, alive)", {"function": "3"}),
-    ((pair,), "failed on 1 member", {"members": 1}),
-    ((height, (1.0, 2.0)), "radars have shape (2,); expected (k, 2)", {"key": "radars"}),
-    ((height, ((1.0, np.inf),)), "radars must be finite", {"key": "radars"}),
-    ((height, "here"), "radars are 'here'; expected k pairs (x, y) of numbers", {}),
+UNKNOWN = (scaled, [(0, 0)], {"strength": 1.0, "alpha_1": 3.0})
+REFUSED: list[tuple[tuple[Any, ...], str]] = [
+    ((broken,), "broken' failed on 1 member with CasADi arguments: LookupError: no such radar"),
+    (UNKNOWN, "scaled' takes positions, alive, strength, not alpha_1, radars: remove"),
+    (UNKNOWN, "hazard.parameters.alpha_1, hazard.radars from the scenario, where a template"),
+    ((height, RADARS), "takes positions, alive, scale, not radars"),
+    ((pair,), "failed on 1 member"),
+    ((height, (1.0, 2.0)), "radars have shape (2,); expected (k, 2)"),
+    ((height, ((1.0, np.inf),)), "radars must be finite"),
+    ((height, "here"), "radars are 'here'; expected k pairs (x, y) of numbers"),
 ]
 
 
-@pytest.mark.parametrize(("arguments", "words", "values"), REFUSED)
-def test_wrong_arguments_are_explained(
-    arguments: tuple[Any, ...], words: str, values: dict[str, Any]
-) -> None:
-    error = refused(HazardError, CustomHazard, *arguments)
-    assert words in str(error)
-    assert {key: getattr(error, key) for key in values} == values
+@pytest.mark.parametrize(("arguments", "words"), REFUSED)
+def test_wrong_arguments_are_explained(arguments: tuple[Any, ...], words: str) -> None:
+    assert words in refused(CustomHazard, *arguments)
+    assert refused(CustomHazard, 3) == "3 is not a function of (positions, alive)"
 
 
 @pytest.mark.parametrize("value", [{1, 2}, ca.DM([1, 2]), [bytearray()]])
 def test_unhashable_parameter_is_named(value: object) -> None:
-    text = str(refused(HazardError, CustomHazard, height, (), {"scale": value}))
+    text = refused(CustomHazard, height, (), {"scale": value})
     assert text.startswith("parameter 'scale' is ")
     assert text.endswith("; allowed: numbers, texts, lists of these")
 
 
 @pytest.mark.parametrize(
-    ("returned", "words", "shape"),
+    ("returned", "words"),
     [
-        (lambda x: x, "returned shape (1, 2) for 1 member; expected (1, 1)", (1, 2)),
-        (lambda x: ca.sum1(x[:, 0]), "shape (1, 1) for 2 members; expected (2, 1)", (1, 1)),
-        (lambda _: 0.5, "returned shape (1, 1) for 2 members; expected (2, 1)", (1, 1)),
-        (lambda _: None, "returned None, a NoneType; expected a CasADi expression", None),
-        (lambda _: "much", "returned 'much', a str; expected a CasADi expression", None),
+        (lambda x: x, "returned shape (1, 2) for 1 member; expected (1, 1)"),
+        (lambda x: ca.sum1(x[:, 0]), "returned shape (1, 1) for 2 members; expected (2, 1)"),
+        (lambda _: 0.5, "returned shape (1, 1) for 2 members; expected (2, 1)"),
+        (lambda _: None, "returned None, a NoneType; expected a CasADi expression"),
+        (lambda _: "much", "returned 'much', a str; expected a CasADi expression"),
     ],
 )
-def test_wrong_return_value_is_shown(
-    returned: Callable[[Any], Any], words: str, shape: tuple[int, int] | None
-) -> None:
+def test_wrong_return_value_is_shown(returned: Callable[[Any], Any], words: str) -> None:
     def mine(positions: Any, alive: Any) -> Any:  # noqa: ARG001
         return returned(positions)
 
-    error = refused(HazardError, CustomHazard, mine)
-    assert str(error).startswith("hazard ")
-    assert "mine' " in str(error)
-    assert words in str(error)
-    assert "\n" not in str(error)
-    if shape is not None:
-        members = 2 if "2 members" in words else 1
-        assert (error.members, error.shape, error.expected) == (members, shape, (members, 1))
+    text = refused(CustomHazard, mine)
+    assert text.startswith("hazard ")
+    assert "mine' " in text
+    assert words in text
+    assert "\n" not in text
 
 
 def test_function_with_any_keywords_is_taken() -> None:
@@ -220,12 +202,9 @@ def test_function_with_any_keywords_is_taken() -> None:
 @pytest.mark.parametrize(("function", "value"), [(height, "-2"), (root, "nan")])
 def test_invalid_rate_names_the_member(function: Callable[..., Any], value: str) -> None:
     hazard = CustomHazard(function)
-    error = refused(HazardError, hazard.rates, [[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]])
-    assert f"gives the rate {value}" in str(error)
-    assert "for member 1 at (3.5, -2); rates must be finite and not negative" in str(error)
-    assert (error.hazard, error.state) == (f"hazard {function.__name__!r}", 1)
-    assert (error.member, error.position) == (1, (3.5, -2.0))
-    np.testing.assert_equal(error.rate, float(value))
+    text = refused(hazard.rates, [[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]])
+    assert f"gives the rate {value}" in text
+    assert "for member 1 at (3.5, -2); rates must be finite and not negative" in text
     alive = [[True, True], [True, False]]  # of the destroyed, nobody asks
     assert hazard.rates([[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]], alive)[1].tolist() == [1, 0]
 
@@ -263,10 +242,8 @@ def test_lower_bound_above_rate_in_a_box_raises(
 ) -> None:
     hazard = CustomHazard(rate, lower_bound=bound)
     lower, upper = np.zeros((count, 2)), np.ones((count, 2))
-    error = refused(HazardError, hazard.single_agent_lower_bound, lower, upper)
-    assert re.search(where, str(error))
-    assert error.bound > error.rate
-    assert rate(ca.DM([error.position]), None)[0] == pytest.approx(error.rate)
+    with pytest.raises(HazardError, match=where):
+        hazard.single_agent_lower_bound(lower, upper)
 
 
 def test_lower_bound_of_nan_raises() -> None:

@@ -20,7 +20,7 @@ from casswarm.comparison import Problem
 from casswarm.errors import CheckpointError, SolverError
 from casswarm.nlp import Status
 from casswarm.policies import formation_policies as formation
-from casswarm.solvers import Ipopt, Isolated, isolated
+from casswarm.solvers import Ipopt, Isolated, NlpSol, isolated
 
 PAPER = csw.load_scenario("paper-1")
 DEADLY = ("hang", "exit", "abort", "kill")
@@ -125,6 +125,14 @@ def test_isolated_rejects_what_does_not_pickle():
         Isolated("ipopt")
     with pytest.raises(SolverError, match="time_limit = 0; allowed: above zero"):
         Isolated(Ipopt(), 0)
+
+
+def test_isolated_error_has_the_values_of_the_solver_inside():
+    solver = Isolated(NlpSol("nosuch"))
+    with pytest.raises(SolverError, match="nosuch cannot run here") as caught:
+        solver.solve(*goals((0.0, 0.0)))
+    assert caught.value.solver == "nosuch"
+    solver.close()
 
 
 def test_isolated_in_script_without_main_guard_raises(tmp_path):
