@@ -212,18 +212,13 @@ def test_auto_without_kernels_uses_ipopt(problem):
     np.testing.assert_array_equal(auto.x, ipopt.x)
 
 
-def test_spectral_without_kernels_is_refused():
-    formation = leader(csw.CustomHazard(rate), states=2)
+def test_spectral_without_kernels_or_feasible_set_is_refused():
+    custom, plain = leader(csw.CustomHazard(rate), states=2), leader(PLAIN, states=3)
     with pytest.raises(SolverError, match="objective made of kernels"):
-        SpectralProjectedGradient().solve(formation.nlp, formation.instances)
-
-
-def test_spectral_without_feasible_set_is_refused():
-    formation = leader(PLAIN, states=3)
+        SpectralProjectedGradient().solve(custom.nlp, custom.instances)
+    unset = replace(plain.instances, feasible_set=None)
     with pytest.raises(SolverError, match="boxes and discs"):
-        SpectralProjectedGradient().solve(
-            formation.nlp, replace(formation.instances, feasible_set=None)
-        )
+        SpectralProjectedGradient().solve(plain.nlp, unset)
 
 
 @pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"max_iter": 0}, {"n_starts": 0}])

@@ -47,10 +47,8 @@ def task(
 
 
 def assert_equal(found: Decision, expected: Decision) -> None:
-    np.testing.assert_array_equal(found.velocities, expected.velocities)
-    np.testing.assert_array_equal(found.infeasible, expected.infeasible)
-    np.testing.assert_array_equal(found.failures, expected.failures)
-    np.testing.assert_array_equal(found.fallbacks, expected.fallbacks)
+    for name in ("velocities", "infeasible", "failures", "fallbacks"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 def from_records(problem: FormationTask, solver: Auto) -> Decision:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from small_scenarios import DT, three_members
 
 from casswarm import Guide, OutcomeDistribution, Residuals, Solution, Status
@@ -118,3 +120,14 @@ def assert_fits(fig: Figure, name: str) -> None:
     assert box.x1 < width + 0.02
     assert box.y0 > -0.02
     assert box.y1 < height + 0.02
+
+
+def legend_of(fig: Figure) -> list[str]:
+    """Entries of the legends of a figure and of its panels."""
+    legends = [*fig.legends, *(a.get_legend() for a in fig.axes if a.get_legend())]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+def markers(axes: Axes, marker: str) -> list[Line2D]:
+    """Lines of a panel that are drawn with a marker."""
+    return [line for line in axes.get_lines() if line.get_marker() == marker]

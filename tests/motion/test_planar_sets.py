@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -68,25 +67,6 @@ def test_emptiness_equals_nested_search() -> None:
     clear = np.abs(gap) > 1e-9
     np.testing.assert_array_equal(sets.is_empty[clear], gap[clear] > 0)
     assert not sets.is_empty[~clear].any()  # touching, on the grid, in exact numbers
-
-
-def test_projection_equals_ipopt(cases: Case) -> None:
-    x, p, discs = ca.MX.sym("x", 2), ca.MX.sym("p", 2), ca.MX.sym("discs", 6)
-    inside = [ca.sumsqr(x - discs[3 * k : 3 * k + 2]) - discs[3 * k + 2] ** 2 for k in range(2)]
-    problem = {"x": x, "p": ca.vertcat(p, discs), "f": ca.sumsqr(x - p), "g": ca.vertcat(*inside)}
-    options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-11}}
-    options["ipopt"]["bound_relax_factor"] = 0.0
-    solver = ca.nlpsol("solver", "ipopt", problem, options)
-    sets, points = cases  # the first are in general position
-    for i in range(40):
-        table = np.column_stack([sets.centers[i], sets.radii[i]]).ravel()
-        given = np.concatenate([points[i], table])
-        box = {"lbx": sets.lower[i], "ubx": sets.upper[i]}
-        answer = solver(x0=sets.centers[i].mean(axis=0), p=given, ubg=0.0, lbg=-INF, **box)
-        assert solver.stats()["success"]
-        np.testing.assert_allclose(
-            np.asarray(answer["x"]).ravel(), sets[i].project(points[i]), atol=2e-5
-        )
 
 
 def with_interior(sets: PlanarSets, margin: float) -> NDArray[np.bool_]:

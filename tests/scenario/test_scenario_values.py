@@ -103,48 +103,64 @@ def test_wrong_value_reports_allowed_values(
     assert words in message(paper.with_values, {key: value})
 
 
-# --- tables that contradict each other
+# --- several values at once, which contradict each other
 
 
-def test_member_on_radar_is_named(paper: Scenario) -> None:
-    text = message(paper.with_values, {"hazard.radars": [[3, 3], [0.45, 0.455]]})
-    assert "swarm.positions[1] is [0.45, 0.45], on hazard.radars[1]; move one of them" in text
-    assert "0.01 or more apart (hazard.core_radius)" in text
-    moved = {"hazard.radars": [[3, 3], [0.45, 0.455]], "hazard.core_radius": 0.001}
-    assert paper.with_values(moved).hazard.core_radius == 0.001
-    wide = {"hazard.radars": [[3, 3], [0.45, 0.475]], "target.radius": 2.0}
-    assert "0.04 or more apart" in message(paper.with_values, wide)
+CLOCK = {"time.dt": 1.0, "time.t_f": 5.0, "target.radius": 1.0}
+FAR = 10 + math.sqrt(0.5) + 1e-6
+ON_RADAR = {"hazard.radars": [[3, 3], [0.45, 0.455]]}
+WRONG_TOGETHER: dict[str, tuple[dict[str, object], *tuple[str, ...]]] = {
+    "unknown keys": (
+        {"formation.ro": 0.1, "swarm.vmax": 1.0},
+        "unknown key 'formation.ro'; did you mean 'formation.rho'?",
+        "unknown key 'swarm.vmax'; did you mean 'swarm.v_max'?",
+        "'paper-1'",
+    ),
+    "no table": (
+        {"swarm": 3, "swarm.v_max": 1.0},
+        "swarm.v_max cannot be set: swarm is 3, not a table of keys",
+    ),
+    "member on radar": (
+        ON_RADAR,
+        "swarm.positions[1] is [0.45, 0.45], on hazard.radars[1]; move one of them",
+        "0.01 or more apart (hazard.core_radius)",
+    ),
+    "member in core of a fiftieth": (
+        {"hazard.radars": [[3, 3], [0.45, 0.475]], "target.radius": 2.0},
+        "0.04 or more apart",
+    ),
+    "target out of reach": (
+        {"target.center": [30.5, 0.0], "time": {"dt": 1, "t_f": 10}},
+        "target.center is [30.5, 0.0], out of reach: from the guide's start [0.0, 0.0] the "
+        "distance along an axis is 30, and 10 steps of dt * v_max = 2 cover 20",
+        "the fastest path takes 15 steps: raise time.t_f to 15 or more",
+    ),
+    "corner out of reach": ({**CLOCK, "target.center": [FAR, FAR]}, "out of reach"),
+    "other corner": (
+        {**CLOCK, "target.center": [-FAR, FAR]},
+        "takes 6 steps: raise time.t_f to 6 or more",
+    ),
+    "velocity": (
+        {"swarm.velocity": [0.0, -2.5]},
+        "swarm.velocity is [0.0, -2.5]; each component may be at most swarm.v_max = 2",
+    ),
+}
 
 
-def test_members_at_same_position_are_allowed(paper: Scenario) -> None:
-    assert paper.with_values({"swarm.positions": [[0, 0], [0, 0]]}).n == 2
+@pytest.mark.parametrize("case", WRONG_TOGETHER)
+def test_wrong_values_together_are_named(paper: Scenario, case: str) -> None:
+    changes, *words = WRONG_TOGETHER[case]
+    text = message(paper.with_values, changes)
+    assert [part for part in words if part not in text] == []
 
 
-def test_unreachable_target_reports_distance_and_steps(paper: Scenario) -> None:
-    text = message(paper.with_values, {"target.center": [30.5, 0.0], "time": {"dt": 1, "t_f": 10}})
-    assert "target.center is [30.5, 0.0], out of reach: from the guide's" in text
-    assert (
-        "start [0.0, 0.0] the distance along an axis is 30, and 10 steps of dt * v_max = 2 cover 20"
-        in text
-    )
-    assert "the fastest path takes 15 steps: raise time.t_f to 15 or more" in text
+def test_replace_of_unknown_key_suggests_closest(paper: Scenario) -> None:
+    assert "did you mean 'formation.rho'?" in message(paper.replace, formation={"ro": 0.1})
 
 
-def test_reachable_set_is_a_square(paper: Scenario) -> None:
-    clock = {"time.dt": 1.0, "time.t_f": 5.0, "target.radius": 1.0}
-    corner = 10 + math.sqrt(0.5)
-    near, far = corner - 1e-6, corner + 1e-6
-    assert paper.with_values({**clock, "target.center": [near, near]}).n_steps == 5
-    assert "out of reach" in message(paper.with_values, {**clock, "target.center": [far, far]})
-    assert paper.with_values({**clock, "target.center": [11.0, 0.0]}).n_steps == 5
-    text = message(paper.with_values, {**clock, "target.center": [-far, far]})
-    assert "takes 6 steps: raise time.t_f to 6 or more" in text
-
-
-def test_initial_velocity_above_v_max_is_refused(paper: Scenario) -> None:
-    assert paper.with_values({"swarm.velocity": [2, -2]}).swarm.velocity == (2.0, -2.0)
-    text = message(paper.with_values, {"swarm.velocity": [0.0, -2.5]})
-    assert "swarm.velocity is [0.0, -2.5]; each component may be at most swarm.v_max = 2" in text
+def test_smaller_core_allows_member_near_radar(paper: Scenario) -> None:
+    near = paper.with_values({**ON_RADAR, "hazard.core_radius": 0.001})
+    assert near.hazard.core_radius == 0.001
 
 
 @given(st.integers(1, 50_000), st.integers(1, 10**6), st.integers(0, 6))
