@@ -19,6 +19,7 @@ from figure_cases import (
     legend_of,
     markers,
     sweep_table,
+    table,
 )
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -57,15 +58,13 @@ from casswarm.figures.success import POLICIES, policy_styles
 from casswarm.grid import CostToGoMap
 
 PROFILE = pd.DataFrame({"fast": [0.5, 1.0], "slow": [0.0, 0.5]}, index=[1.0, 4.0])
-RANKING = pd.DataFrame(
-    {
-        "solver": ["fast", "projected-gradient"],
-        "mean_ms": [1.5, 400.0],
-        "mean_ms_low": [1.0, np.nan],
-        "mean_ms_high": [2.0, np.nan],
-        "rank": [1.0, 2.0],
-        "probability": [0.93, np.nan],
-    }
+RANKING = table(
+    solver=["fast", "projected-gradient"],
+    mean_ms=[1.5, 400.0],
+    mean_ms_low=[1.0, np.nan],
+    mean_ms_high=[2.0, np.nan],
+    rank=[1.0, 2.0],
+    probability=[0.93, np.nan],
 )
 COSTS = CostToGoMap(
     0,
@@ -75,62 +74,50 @@ COSTS = CostToGoMap(
     np.array([[0.0, 0.0], [1.0, 1.0]]),
     np.array([[1.0, 0.0], [0.0, 0.0]]),
 )
-TABLE_2 = pd.DataFrame(
-    {
-        "policy": ["naive", "leader"],
-        **{
-            f"{kind}{end}": [low + shift, high + shift]
-            for kind, low, high in (("paper", 0.3, 0.6), ("runs_50", 0.28, 0.62))
-            for end, shift in (("", 0.0), ("_low", -0.1), ("_high", 0.1))
-        },
-        **{f"method{end}": [0.31, 0.64] for end in ("_low", "_high")},
-        "exact_low": [0.3101, 0.6401],
-        "exact_high": [0.3103, 0.6403],
-    }
+TABLE_2 = table(
+    policy=["naive", "leader"],
+    **{
+        f"{kind}{end}": [low + shift, high + shift]
+        for kind, low, high in (("paper", 0.3, 0.6), ("runs_50", 0.28, 0.62))
+        for end, shift in (("", 0.0), ("_low", -0.1), ("_high", 0.1))
+    },
+    **{f"method{end}": [0.31, 0.64] for end in ("_low", "_high")},
+    exact_low=[0.3101, 0.6401],
+    exact_high=[0.3103, 0.6403],
 )
-BEYOND = pd.DataFrame(
-    {
-        "scenario": ["one", "one", "another, t_f = 4", "another, t_f = 4"],
-        "policy": ["naive", "leader-mpc-3"] * 2,
-        "success_low": [0.1, 0.2, 0.3, 0.4],
-        "success_high": [0.1, 0.3, 0.3, 0.5],
-    }
+BEYOND = table(
+    scenario=["one", "one", "another, t_f = 4", "another, t_f = 4"],
+    policy=["naive", "leader-mpc-3"] * 2,
+    success_low=[0.1, 0.2, 0.3, 0.4],
+    success_high=[0.1, 0.3, 0.3, 0.5],
 )
-SENSITIVITY = pd.DataFrame(
-    {
-        "solver": ["gradient", "gradient", "ipopt"],
-        "change": ["none", "a = 0.05", "none"],
-        **{
-            f"{policy}{end}": [value + shift for value in values]
-            for policy, values in (("naive", (0.3, 0.4, 0.35)), ("leader", (0.6, 0.7, 0.65)))
-            for end, shift in (("", 0.0), ("_low", -0.05), ("_high", 0.05))
-        },
-    }
+SENSITIVITY = table(
+    solver=["gradient", "gradient", "ipopt"],
+    change=["none", "a = 0.05", "none"],
+    **{
+        f"{policy}{end}": [value + shift for value in values]
+        for policy, values in (("naive", (0.3, 0.4, 0.35)), ("leader", (0.6, 0.7, 0.65)))
+        for end, shift in (("", 0.0), ("_low", -0.05), ("_high", 0.05))
+    },
 )
-PATH = pd.DataFrame(
-    {
-        "steps": ["displacement"] * 3 + ["velocity"] * 2,
-        "iteration": [0, 10, 1000, 0, 10],
-        "survival": [1e-4, 2e-4, 1e-3, 1e-4, 1e-4],
-        "residual": [1e-4, 1e-4, 1e-3, 1e-4, 1e-4],
-    }
+PATH = table(
+    steps=["displacement"] * 3 + ["velocity"] * 2,
+    iteration=[0, 10, 1000, 0, 10],
+    survival=[1e-4, 2e-4, 1e-3, 1e-4, 1e-4],
+    residual=[1e-4, 1e-4, 1e-3, 1e-4, 1e-4],
 )
-FORMATIONS = pd.DataFrame(
-    {
-        "problems": ["leader, I"] * 2 + ["constrained, I"] * 2 + ["leader, II"] * 2,
-        "steps": ["displacement"] * 6,
-        "iteration": [0, 100] * 3,
-        "gap_median": [1.0, 0.1, 0.5, 0.0, 2.0, 0.4],
-        "residual_median": [1e-2, 1e-4] * 3,
-    }
+FORMATIONS = table(
+    problems=["leader, I"] * 2 + ["constrained, I"] * 2 + ["leader, II"] * 2,
+    steps=["displacement"] * 6,
+    iteration=[0, 100] * 3,
+    gap_median=[1.0, 0.1, 0.5, 0.0, 2.0, 0.4],
+    residual_median=[1e-2, 1e-4] * 3,
 )
-INFEASIBLE = pd.DataFrame(
-    {
-        "policy": ["constrained"] * 3 + ["leader"] * 3,
-        "step": [0, 1, 2] * 2,
-        "alive": [3.0, 2.5, 2.0, 3.0, 2.8, 2.1],
-        "infeasible": [2.0, 0.0, 1.0, 0.0, 0.0, 0.0],
-    }
+INFEASIBLE = table(
+    policy=["constrained"] * 3 + ["leader"] * 3,
+    step=[0, 1, 2] * 2,
+    alive=[3.0, 2.5, 2.0, 3.0, 2.8, 2.1],
+    infeasible=[2.0, 0.0, 1.0, 0.0, 0.0, 0.0],
 )
 HORIZONS = pd.DataFrame(
     [

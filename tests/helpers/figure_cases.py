@@ -42,23 +42,25 @@ def trajectory(steps: int = 3) -> RunTrajectory:
 
 RUN = trajectory()
 
-SUMMARY = pd.DataFrame(
-    {
-        "policy": ["naive", "leader"],
-        "runs": [10, 10],
-        "success": [0.3, 0.7],
-        "success_low": [0.2, 0.6],
-        "success_high": [0.4, 0.8],
-    }
+
+def table(**columns: object) -> pd.DataFrame:
+    """Table with these columns."""
+    return pd.DataFrame(columns)
+
+
+SUMMARY = table(
+    policy=["naive", "leader"],
+    runs=[10, 10],
+    success=[0.3, 0.7],
+    success_low=[0.2, 0.6],
+    success_high=[0.4, 0.8],
 )
-PAIRED = pd.DataFrame(
-    {
-        "first": ["naive"],
-        "second": ["leader"],
-        "difference": [-0.4],
-        "difference_low": [-0.5],
-        "difference_high": [-0.2],
-    }
+PAIRED = table(
+    first=["naive"],
+    second=["leader"],
+    difference=[-0.4],
+    difference_low=[-0.5],
+    difference_high=[-0.2],
 )
 
 
