@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -120,20 +121,13 @@ INFEASIBLE = table(
     infeasible=[2.0, 0.0, 1.0, 0.0, 0.0, 0.0],
 )
 HORIZONS = pd.DataFrame(
-    [
-        {
-            "scenario": scenario,
-            "policy": policy,
-            "horizon": steps,
-            "success": 0.5 + 0.01 * steps,
-            "success_low": 0.45,
-            "success_high": 0.6,
-            "infeasible": 10.0 / steps,
-        }
-        for scenario in ("one", "two", "three", "four")
-        for policy in ("leader-mpc-3", "mine")
-        for steps in (8, 1, 3)
-    ]
+    product(("one", "two", "three", "four"), ("leader-mpc-3", "mine"), (8, 1, 3)),
+    columns=["scenario", "policy", "horizon"],
+).assign(
+    success=lambda table: 0.5 + 0.01 * table["horizon"],
+    success_low=0.45,
+    success_high=0.6,
+    infeasible=lambda table: 10.0 / table["horizon"],
 )
 FIGURES: dict[str, Callable[[], Figure]] = {
     "guide": lambda: guide_map(SCENARIO, GUIDE, [GUIDE.positions[::-1]]),

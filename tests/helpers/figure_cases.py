@@ -92,23 +92,16 @@ DISTRIBUTIONS = [distribution("naive", (0.1, 0.2)), distribution("leader", (0.3,
 
 def sweep_table() -> pd.DataFrame:
     """Two policies at four sweep points each, one of which failed."""
-    rows = []
-    for policy, base in (("naive", 0.1), ("leader", 0.5)):
-        for number, (n, rho) in enumerate(((1, 0.1), (1, 0.2), (3, 0.1), (3, 0.2))):
-            failed = policy == "leader" and number == 3
-            success = np.nan if failed else base + 0.1 * number
-            rows.append(
-                {
-                    "n": n,
-                    "rho": rho,
-                    "policy": policy,
-                    "success": success,
-                    "success_low": success - 0.05,
-                    "success_high": success + 0.05,
-                    "status": "failed" if failed else "ok",
-                }
-            )
-    return pd.DataFrame(rows)
+    points = [(1, 0.1), (1, 0.2), (3, 0.1), (3, 0.2)]
+    found = pd.DataFrame(points * 2, columns=["n", "rho"])
+    success = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, np.nan])
+    return found.assign(
+        policy=["naive"] * 4 + ["leader"] * 4,
+        success=success,
+        success_low=success - 0.05,
+        success_high=success + 0.05,
+        status=["ok"] * 7 + ["failed"],
+    )
 
 
 def assert_fits(fig: Figure, name: str) -> None:
