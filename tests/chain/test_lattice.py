@@ -103,8 +103,11 @@ def test_member_on_the_guide_stays_exactly_on_it(guide: csw.Guide) -> None:
 
 @pytest.mark.parametrize("spacing", [1e-20, 0.1, np.inf, np.nan, -1.0])
 def test_lattice_refuses_spacings_without_meaning(spacing: float, guide: csw.Guide) -> None:
-    with pytest.raises(PolicyError, match=r"aggregation_tol = .*; allowed: 0, .* to 0.0292"):
+    refused = pytest.raises(PolicyError, match=r"aggregation_tol = .*; allowed: 0, .* to 0.0292")
+    with refused as caught:
         csw.evaluate(three_members(), "leader", 0.5, guide=guide, aggregation_tol=spacing)
+    assert caught.value.key == "aggregation_tol"
+    np.testing.assert_equal(caught.value.value, spacing)
 
 
 def test_default_lattice_keeps_to_double_precision_far_from_the_origin() -> None:
