@@ -303,16 +303,8 @@ def _study(posed: PosedStudy, seed: int, results: Mapping[str, list[Runs]]) -> S
         states, seconds = sum(b.states for b in batches), sum(b.seconds for b in batches)
         effort.append({"policy": name, "states": states, "seconds": seconds})
     runs = pd.concat(tables, ignore_index=True)
-    return Study(
-        posed.scenario,
-        posed.guide,
-        seed,
-        summarise(runs),
-        paired_table(runs),
-        runs,
-        pd.DataFrame(effort),
-        trajectories,
-    )
+    tables_of_runs = summarise(runs), paired_table(runs), runs, pd.DataFrame(effort)
+    return Study(posed.scenario, posed.guide, seed, *tables_of_runs, trajectories)
 
 
 def runs_needed(
