@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import CasswarmError
 from ..guide.guide import Guide
 from ..policies.named import POLICIES
-from ..scenario.validation import fields, subtable
+from ..scenario.validation import field_of
 from ..studies.simulation import Study
 from .answers import Answer, HazardMap
 from .session import POINTS, Session
@@ -72,7 +72,9 @@ def parameters(scenario: Scenario) -> list[Parameter]:
             listed.append(Parameter(key, 1, most, True, "Number of members."))
         elif number:  # neither missing nor 0, which has no range
             low, high = float(number) / FACTOR, float(number) * FACTOR
-            listed.append(Parameter(key, low, high, False, _description(key)))
+            field = field_of(key, type(scenario))
+            description = (field and field.description) or ""
+            listed.append(Parameter(key, low, high, False, description))
     return listed
 
 
@@ -82,15 +84,6 @@ def value(scenario: Scenario, key: str) -> Any:
         return scenario.n
     table, _, leaf = key.partition(".")
     return getattr(scenario.hazard_table if table == "hazard" else getattr(scenario, table), leaf)
-
-
-def _description(key: str) -> str:
-    from ..scenario import Scenario
-
-    table, _, leaf = key.partition(".")
-    model = subtable(fields(Scenario)[table])
-    assert model is not None
-    return fields(model)[leaf].description or ""
 
 
 Message = dict[str, Any]
