@@ -17,6 +17,7 @@ from ..errors import CasswarmError
 from ..guide.guide import Guide
 from ..policies.named import POLICIES
 from ..scenario.validation import field_of
+from ..scenario.variations import value
 from ..studies.simulation import Study
 from .answers import Answer, HazardMap
 from .session import POINTS, Session
@@ -76,14 +77,6 @@ def parameters(scenario: Scenario) -> list[Parameter]:
             description = (field and field.description) or ""
             listed.append(Parameter(key, low, high, False, description))
     return listed
-
-
-def value(scenario: Scenario, key: str) -> Any:
-    """Value of a parameter or a choice; None if the scenario has none."""
-    if key == "n":
-        return scenario.n
-    table, _, leaf = key.partition(".")
-    return getattr(scenario.hazard_table if table == "hazard" else getattr(scenario, table), leaf)
 
 
 Message = dict[str, Any]

@@ -31,6 +31,14 @@ def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
     return changed
 
 
+def value(scenario: Scenario, key: str) -> Any:
+    """Value of a parameter; None if the scenario leaves it out."""
+    if key == "n":
+        return scenario.n
+    table, _, leaf = key.partition(".")
+    return getattr(scenario.hazard_table if table == "hazard" else getattr(scenario, table), leaf)
+
+
 def whole_numbers(key: str, values: Sequence[Any]) -> list[Any]:
     """Values of a parameter; if it takes whole numbers only, such as n, they become int.
 

@@ -337,8 +337,8 @@ def formation_problems(
         recorder, name = Recorder(Auto()), policy_name(policy)
         simulate(scenario, [policy], runs, seed, guide=guide, solver=recorder, save_trajectories=0)
         posed = _spread(recorder, count, rng, f"policy {name!r}")
-        family, traits = f"{scenario.name} formations", {"scenario": scenario.name}
-        traits |= {"members": scenario.n, "policy": name}
+        family = f"{scenario.name} formations"
+        traits = {"scenario": scenario.name, "members": scenario.n, "policy": name}
         problems += [
             Problem(
                 f"{scenario.name} {name} {number}", family, nlp, formation_starts(nlp, one), traits
