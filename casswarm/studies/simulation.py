@@ -10,7 +10,6 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from .._util.checkpoint import Checkpoint, file_name, opened
@@ -96,25 +95,19 @@ def saved_results(
 ) -> dict[str, list[Runs]]:
     """Batches of a checkpoint by policy, without overlaps."""
     results: dict[str, list[Runs]] = {policy.name: [] for policy in policies}
+    if store is None:
+        return results
     by_file_name = {file_name(name): name for name in results}
-    loaded = [] if store is None else [(name, store.load(name)) for name in store.names()]
-    for name, record in loaded:  # ordered by their first run
-        part = _saved_runs(record)
-        policy = by_file_name.get(name.split("-", 2)[-1])
-        if part is None or policy is None:
+    for name in store.names():  # ordered by their first run
+        try:
+            policy = by_file_name[name.split("-", 2)[-1]]
+            part = Runs.from_arrays(store.load(name) or {})
+        except (KeyError, TypeError, ValueError, OverflowError):
             continue
         end = results[policy][-1].end if results[policy] else 0
         if end <= part.first and part.end <= runs:
             results[policy].append(part)
     return results
-
-
-def _saved_runs(record: Mapping[str, NDArray[Any]] | None) -> Runs | None:
-    """Runs of a record; None if it holds no runs."""
-    try:
-        return None if record is None else Runs.from_arrays(record)
-    except (KeyError, TypeError, ValueError, OverflowError):
-        return None
 
 
 def _gaps(saved: Sequence[Runs], runs: int) -> list[tuple[int, int]]:
