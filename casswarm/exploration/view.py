@@ -171,10 +171,11 @@ def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
     history = session.history
     state = (session.scenario, session.policy, history.can_undo, history.can_redo)
     failure = "" if present is None else present.failure
+    problem, busy = session.problem or failure, present is None or not present.done
     parts: dict[str, tuple[object, Callable[[], Any]]] = {
         "scene": (state, partial(_scene, session)),
-        "problem": (session.problem or failure, lambda: session.problem or failure),
-        "busy": (present is None or not present.done, lambda: present is None or not present.done),
+        "problem": (problem, lambda: problem),
+        "busy": (busy, lambda: busy),
     }
     if good is None:
         return parts
@@ -239,10 +240,13 @@ def _success(answer: Answer, current: bool) -> Message | None:
     if answer.success is None:
         return None
     (low, high), proven = answer.success
-    runs = 0 if answer.study is None else len(answer.study.runs)
-    policy = answer.question.policy
-    return {"low": low, "high": high, "proven": proven, "runs": runs, "policy": policy} | {
-        "current": current
+    return {
+        "low": low,
+        "high": high,
+        "proven": proven,
+        "runs": 0 if answer.study is None else len(answer.study.runs),
+        "policy": answer.question.policy,
+        "current": current,
     }
 
 
@@ -251,11 +255,5 @@ def _runs(study: Study | None) -> list[Message]:
     if study is None:
         return []
     (trajectories,) = study.trajectories.values()
-    return [
-        {
-            "positions": run.positions.tolist(),
-            "alive": run.alive.tolist(),
-            "leaders": run.leaders.tolist(),
-        }
-        for run in trajectories
-    ]
+    parts = ("positions", "alive", "leaders")
+    return [{part: getattr(run, part).tolist() for part in parts} for run in trajectories]

@@ -163,10 +163,8 @@ class Study(Displayed):
     def as_dict(self) -> dict[str, Any]:
         """Rows of the tables but `runs`, and the guide's values, for a JSON file."""
         guide = self.guide
-        return {
-            "summary": self.summary.to_dict("records"),
-            "paired": self.paired.to_dict("records"),
-            "effort": self.effort.to_dict("records"),
+        tables = {name: getattr(self, name) for name in ("summary", "paired", "effort")}
+        return {name: table.to_dict("records") for name, table in tables.items()} | {
             "guide": {
                 "risk": guide.risk,
                 "survival": guide.survival,
