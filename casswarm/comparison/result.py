@@ -41,7 +41,7 @@ NOT_REPORTED = "reports no iterates"
 NOT_RECORDED = "not recorded: a solve takes more than half of the time limit"
 
 COLUMNS = ("family", "problem", "start", "solver", "iteration", "seconds", "objective", "violation")
-"""Columns of the table of all iterates: see `iterate_rows`."""
+"""Columns of the table of all iterates: see `iterate_columns`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
