@@ -34,6 +34,8 @@ def test_records_are_equal_to_plain_keywords(guide: csw.Guide, tmp_path: Path) -
         csw.estimate(PAPER, "naive", 20, guide=guide, tolerance=0.2, max_states=50),
     ]
     assert estimates[0].success == estimates[1].success
+    planned = csw.plan(PAPER, certify=False, search="local", execution=execution)
+    assert np.array_equal(planned.positions, guide.positions)
     saved = csw.Execution(checkpoint=tmp_path, workers=1)
     study = csw.simulate(PAPER, "naive", 20, guide=guide, execution=saved)
     assert study.runs.equals(csw.simulate(PAPER, "naive", 20, guide=guide).runs)
@@ -53,6 +55,7 @@ CALLS: dict[str, tuple[Any, ...]] = {
     "success_gradient": (PAPER, POLICY),
     "simulate": (PAPER,),
     "compare": ("quick",),
+    "plan": (PAPER,),
     "plan_swarm": (PAPER,),
 }
 
@@ -72,7 +75,7 @@ def test_value_that_is_given_twice_is_named(name: str) -> None:
 def test_unknown_value_is_named_with_those_allowed(name: str) -> None:
     with pytest.raises(TypeError, match=f"{name} takes no 'tolerence'; allowed: "):
         getattr(csw, name)(*CALLS[name], tolerence=0.1)
-    if name not in ("compare", "plan_swarm", "success_gradient"):
+    if name not in ("compare", "plan", "plan_swarm", "success_gradient"):
         limited = csw.Execution(time_limit=1.0)
         with pytest.raises(TypeError, match=f"{name} takes no 'time_limit'"):
             getattr(csw, name)(*CALLS[name], execution=limited)
