@@ -38,6 +38,14 @@ def velocities(step, squared, solver=None):
     return found.x.reshape(step.positions.shape), found
 
 
+@pytest.mark.parametrize("n", [5, 20])
+def test_scale_is_the_rate_of_isolated_members(n):
+    step, squared = swarm(n)
+    scale = corridor_formation(step, squared).instances.scale
+    expected = HAZARD.single_agent_rates(step.positions).sum(axis=1)
+    np.testing.assert_allclose(scale, [[MOTION.v_max, expected[0]]], rtol=1e-13)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_objective_of_fifty_members_equals_ipopts(seed):
     assert_objective_equals_ipopts(*swarm(50, seed))
