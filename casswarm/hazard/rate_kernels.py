@@ -37,16 +37,8 @@ def source(squared: float, parameters: Parameters) -> Two:
     raise NotImplementedError
 
 
-@kernel
-def density(squared: float, parameters: Parameters) -> Two:
-    """Kernel of another member, and its derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def collision(squared: float, parameters: Parameters) -> Two:
-    """Kernel of collisions, and its derivative."""
-    raise NotImplementedError
+density = collision = source
+"""Kernels of another member and of collisions, likewise."""
 
 
 @kernel
@@ -63,16 +55,8 @@ def second_source(squared: float, parameters: Parameters) -> Three:
     raise NotImplementedError
 
 
-@kernel
-def second_density(squared: float, parameters: Parameters) -> Three:
-    """Kernel of another member, its derivative and its second derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def second_collision(squared: float, parameters: Parameters) -> Three:
-    """Kernel of collisions, its derivative and its second derivative."""
-    raise NotImplementedError
+second_density = second_collision = second_source
+"""Kernels of another member and of collisions, likewise."""
 
 
 @kernel
