@@ -28,7 +28,7 @@ from ..formation import ProjectedGradient
 from ..grid.nodes import UNIT, Relaxation
 from ..motion.kinematics import integrate
 from ..problems.guide import GuideTask
-from ..scenario import Scenario
+from ..scenario import FormationOptions, GuideOptions, Scenario
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Progress, Search
@@ -323,7 +323,7 @@ def plan_from(
     """
     deadline = time.monotonic() + time_limit
     task = GuideTask.from_scenario(scenario, start, initial_velocity)
-    backend = _solver(scenario, solver, solver_options)
+    backend = papers_solver(scenario, solver, scenario.guide, solver_options, keep="best")
     kind = _checked_search(search, scenario, backend)
     frame = Frame.of_agent(scenario, task.start, task.initial_velocity)
     turned = replace(
@@ -370,14 +370,20 @@ def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
     return np.tile(first, (scenario.n, 1))
 
 
-def _solver(scenario: Scenario, solver: str | Solver, options: Mapping[str, Any] | None) -> Solver:
+def papers_solver(
+    scenario: Scenario,
+    solver: str | Solver,
+    table: GuideOptions | FormationOptions,
+    options: Mapping[str, Any] | None,
+    **others: Any,
+) -> Solver:
+    """The solver, with the paper's options from a table of the scenario for its own method."""
     paper = {
-        "step": scenario.guide.learning_rate,
+        "step": table.learning_rate,
         "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
-        "max_iter": scenario.guide.iterations,
-        "keep": "best",
+        "max_iter": table.iterations,
     }
-    defaults: dict[str, Any] = paper if solver == ProjectedGradient.name else {}
+    defaults = paper | others if solver == ProjectedGradient.name else {}
     return make_solver(solver, **defaults | dict(options or {}))
 
 

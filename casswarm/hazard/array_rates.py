@@ -72,7 +72,8 @@ def set_rates(
     pairs = _squares(_differences(points))
     with np.errstate(all="ignore"):  # values that are not finite are found where they are used
         strengths = source(_squares(_to_radars(hazard, points)))
-        return combine(*_sums(hazard, sets, strengths, density(pairs), collision(pairs), pairs))
+        sums = _sums(hazard, sets, strengths, density(pairs), collision(pairs), pairs)
+        return np.asarray(combine(*sums))
 
 
 @dataclass(frozen=True, eq=False)

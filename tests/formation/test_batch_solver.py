@@ -290,3 +290,11 @@ def test_preconditioner_inverts_the_magnitudes_of_curvatures_on_the_face():
     np.testing.assert_allclose(out[2:4], (tangent @ vector[2:4]) / along * tangent, rtol=1e-12)
     np.testing.assert_array_equal(out[4:], 0.0)
     assert product == pytest.approx(vector @ out, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [5, 20])
+def test_scale_is_the_rate_of_isolated_members(n):
+    data = disc(n)
+    scale = corridor_formation(data, 0.01 * n).instances.scale
+    expected = PLAIN.single_agent_rates(data.positions).sum(axis=1)
+    np.testing.assert_allclose(scale, [[MOTION.v_max, expected[0]]], rtol=1e-13)
