@@ -28,10 +28,13 @@ def test_resampled_means_have_the_standard_error_of_the_mean() -> None:
     assert drawn.std() == pytest.approx(error * np.sqrt(49 / 47), rel=0.05)  # of Student's t
 
 
-def test_resampled_means_depend_on_seed_only() -> None:
+def test_resampled_means_depend_on_seed_only_and_need_two_clusters_of_a_stratum() -> None:
     values = np.arange(6.0)[:, None]
     np.testing.assert_array_equal(resampled_means(values), resampled_means(values))
     assert not np.array_equal(resampled_means(values), resampled_means(values, seed=1))
+    np.testing.assert_allclose(resampled_means(np.full((6, 2), 0.3)), 0.3, rtol=1e-14)  # constant
+    with pytest.raises(ValueError, match="single cluster"):
+        resampled_means(np.zeros((3, 1)), ["a", "a", "b"])
 
 
 def test_resampled_means_do_not_vary_between_strata() -> None:
@@ -42,15 +45,6 @@ def test_resampled_means_do_not_vary_between_strata() -> None:
     plain, moved = (resampled_means(v, strata) - v.mean(axis=0) for v in (values, shifted))
     np.testing.assert_allclose(moved, plain, atol=1e-10)
     assert resampled_means(shifted).std() > 10 * moved.std()
-
-
-def test_resampled_means_of_constant_columns_are_constant() -> None:
-    np.testing.assert_allclose(resampled_means(np.full((6, 2), 0.3)), 0.3, rtol=1e-14)
-
-
-def test_resampled_means_need_two_clusters_of_a_stratum() -> None:
-    with pytest.raises(ValueError, match="single cluster"):
-        resampled_means(np.zeros((3, 1)), ["a", "a", "b"])
 
 
 SAMPLES = {
@@ -126,14 +120,9 @@ def test_fraction_band_contains_the_mean_and_is_monotone() -> None:
     values = (rng.uniform(size=(15, 1)) <= np.linspace(0, 1, 40)).astype(float)
     low, high = fraction_band(values)
     mean = values.mean(axis=0)
-    assert (low <= mean).all()
-    assert (mean <= high).all()
-    assert (np.diff(low) >= 0).all()
-    assert (np.diff(high) >= 0).all()
-
-
-def test_fraction_band_of_all_solved_is_not_of_zero_width() -> None:
-    # Clopper and Pearson: 9 of 9 give 66 % at least
+    assert ((low <= mean) & (mean <= high)).all()
+    assert (np.diff([low, high]) >= 0).all()
+    # Clopper and Pearson: 9 of 9 give 66 % at least, and so no width of zero
     low, high = fraction_band(np.ones((9, 1)))
     assert high[0] == 1.0
     assert 0.55 <= low[0] <= 0.8
@@ -170,20 +159,19 @@ def test_fraction_band_covers_the_truth_nominally(fraction: float, problems: int
 # --- ranks
 
 
-def test_ranks_share_ties() -> None:
+@pytest.mark.parametrize(
+    ("shifts", "probabilities"),
+    [
+        ([0.0, -0.5], [[0, 1], [1, 0]]),  # one dominates
+        ([0.0, 0.0, 1.0], [[0.5, 0.5, 0], [0.5, 0.5, 0], [0, 0, 1]]),  # two are equal
+    ],
+)
+def test_ranks_share_ties_and_have_known_probabilities(
+    shifts: list[float], probabilities: list[list[float]]
+) -> None:
     assert ranks([[3.0, 1.0, 3.0, 7.0]]).tolist() == [[2.5, 1.0, 2.5, 4.0]]
-
-
-def test_rank_probabilities_of_dominant_solver_are_one() -> None:
-    slow = np.random.default_rng(5).uniform(1, 2, (12, 1))
-    held = rank_probabilities(resampled_means(np.hstack([slow, slow - 0.5])))
-    np.testing.assert_array_equal(held, [[0, 1], [1, 0]])
-
-
-def test_rank_probabilities_of_equal_solvers_are_halves() -> None:
-    scores = np.random.default_rng(6).uniform(size=(12, 1))
-    held = rank_probabilities(resampled_means(np.hstack([scores, scores, scores + 1])))
-    np.testing.assert_allclose(held, [[0.5, 0.5, 0], [0.5, 0.5, 0], [0, 0, 1]])
+    scores = np.random.default_rng(6).uniform(1, 2, (12, 1)) + shifts
+    np.testing.assert_array_equal(rank_probabilities(resampled_means(scores)), probabilities)
 
 
 def test_rank_probabilities_of_solvers_equal_in_distribution_average_one_half() -> None:

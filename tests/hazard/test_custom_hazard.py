@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -19,16 +18,7 @@ RADARS = ((4.4, 4.6), (4.5, 3.0))
 CONSTANTS: Any = {"alpha_1": 3.0, "alpha_2": 2.0, "alpha_3": 5.0, "beta_1": 0.3, "beta_2": 4}
 
 
-def paper_rates(
-    positions: Any,
-    alive: Any,
-    radars: Any,
-    alpha_1: float,
-    alpha_2: float,
-    alpha_3: float,
-    beta_1: float,
-    beta_2: float,
-) -> Any:
+def paper_rates(positions, alive, radars, alpha_1, alpha_2, alpha_3, beta_1, beta_2):
     """Scenario II of the paper, as somebody might write it down: loops, no regularisation."""
     n = positions.shape[0]
 
@@ -61,46 +51,32 @@ def tabulated(positions: Any, alive: Any, radars: Any, table: Any, label: str) -
     return table[1][0] + 0 * positions[:, 0]
 
 
-@pytest.fixture(scope="module")
-def own() -> CustomHazard:
-    return CustomHazard(paper_rates, RADARS, CONSTANTS)
-
-
-@pytest.fixture(scope="module")
-def builtin() -> SaturationCollision:
-    return SaturationCollision(RADARS, **CONSTANTS)
+OWN = CustomHazard(paper_rates, RADARS, CONSTANTS)
+BUILTIN = SaturationCollision(RADARS, **CONSTANTS)
 
 
 # --- the same formula gives the same numbers
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_custom_paper_formula_equals_builtin_rates(
-    own: CustomHazard, builtin: SaturationCollision, n: int
-) -> None:
+def test_custom_paper_formula_equals_builtin_rates(n: int) -> None:
     rng = np.random.default_rng(n)
     positions, alive = rng.uniform(0, 6, (300, n, 2)), rng.random((300, n)) < 0.6
-    rates = own.rates(positions, alive)
-    np.testing.assert_allclose(rates, builtin.rates(positions, alive), rtol=1e-11)
+    rates = OWN.rates(positions, alive)
+    np.testing.assert_allclose(rates, BUILTIN.rates(positions, alive), rtol=1e-11)
     assert (rates[~alive] == 0).all()
-    for mine, theirs in zip(
-        symbolic(own, n)(positions[0].T, alive[0]),
-        symbolic(builtin, n)(positions[0].T, alive[0]),
-        strict=True,
-    ):
+    symbols = (symbolic(each, n)(positions[0].T, alive[0]) for each in (OWN, BUILTIN))
+    for mine, theirs in zip(*symbols, strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-12)
 
 
-def test_custom_single_agent_rate_equals_builtin(
-    own: CustomHazard, builtin: SaturationCollision
-) -> None:
+def test_custom_single_agent_rate_equals_builtin() -> None:
     points = np.random.default_rng(1).uniform(0, 6, (7, 2))
-    np.testing.assert_allclose(
-        own.single_agent_rates(points), builtin.single_agent_rates(points), rtol=1e-12
-    )
+    found, expected = (each.single_agent_rates(points) for each in (OWN, BUILTIN))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
     x = ca.MX.sym("x", 2, 7)
     values = []
-    for hazard in (own, builtin):
+    for hazard in (OWN, BUILTIN):
         lone = hazard.single_agent_expression(x)
         slope = ca.gradient(ca.sum2(lone), x)
         values.append(ca.Function("lone", [x], [ca.vertcat(lone, slope)])(points.T))
@@ -109,15 +85,15 @@ def test_custom_single_agent_rate_equals_builtin(
 
 @pytest.mark.parametrize("chunk", [1, 3, 256])
 def test_custom_rates_of_batch_equal_single_states(
-    own: CustomHazard, chunk: int, monkeypatch: pytest.MonkeyPatch
+    chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(0)
     states, alive = rng.normal(size=(7, 3, 2)), rng.random((7, 3)) < 0.7
-    singles = np.array([own.rates(x, a) for x, a in zip(states, alive, strict=True)])
+    singles = np.array([OWN.rates(x, a) for x, a in zip(states, alive, strict=True)])
     monkeypatch.setattr("casswarm.hazard.custom._CHUNK", chunk)
     for size in (1, 2, 7):
-        np.testing.assert_array_equal(own.rates(states[:size], alive[:size]), singles[:size])
-    assert own.rates(states[:0], alive[:0]).shape == (0, 3)
+        np.testing.assert_array_equal(OWN.rates(states[:size], alive[:size]), singles[:size])
+    assert OWN.rates(states[:0], alive[:0]).shape == (0, 3)
 
 
 def test_custom_rates_may_be_row_column_or_numbers() -> None:
@@ -171,68 +147,51 @@ def pair(positions: Any, alive: Any) -> Any:
     return alive * (positions[1, 0] if positions.shape[0] == 1 else 1.0)
 
 
-UNKNOWN = {"value": ["alpha_1", "radars"], "expected": ["positions", "alive", "strength"]}
-REFUSED: list[tuple[tuple[Any, ...], str, dict[str, Any]]] = [
-    (
-        (broken,),
-        "broken' failed on 1 member with CasADi arguments: LookupError: no such radar",
-        {"hazard": "hazard 'broken'", "members": 1},
-    ),
-    (
-        (scaled, [(0, 0)], {"strength": 1.0, "alpha_1": 3.0}),
-        "scaled' takes positions, alive, strength, not alpha_1, radars: remove "
-        "hazard.parameters.alpha_1, hazard.radars from the scenario, where a template",
-        UNKNOWN,
-    ),
-    ((height, RADARS), "takes positions, alive, scale, not radars", {}),
-    ((3,), "3 is not a function of (positions, alive)", {"function": "3"}),
-    ((pair,), "failed on 1 member", {"members": 1}),
-    ((height, (1.0, 2.0)), "radars have shape (2,); expected (k, 2)", {"key": "radars"}),
-    ((height, ((1.0, np.inf),)), "radars must be finite", {"key": "radars"}),
-    ((height, "here"), "radars are 'here'; expected k pairs (x, y) of numbers", {}),
+UNKNOWN = (scaled, [(0, 0)], {"strength": 1.0, "alpha_1": 3.0})
+REFUSED: list[tuple[tuple[Any, ...], str]] = [
+    ((broken,), "broken' failed on 1 member with CasADi arguments: LookupError: no such radar"),
+    (UNKNOWN, "scaled' takes positions, alive, strength, not alpha_1, radars: remove"),
+    (UNKNOWN, "hazard.parameters.alpha_1, hazard.radars from the scenario, where a template"),
+    ((height, RADARS), "takes positions, alive, scale, not radars"),
+    ((pair,), "failed on 1 member"),
+    ((height, (1.0, 2.0)), "radars have shape (2,); expected (k, 2)"),
+    ((height, ((1.0, np.inf),)), "radars must be finite"),
+    ((height, "here"), "radars are 'here'; expected k pairs (x, y) of numbers"),
 ]
 
 
-@pytest.mark.parametrize(("arguments", "words", "values"), REFUSED)
-def test_wrong_arguments_are_explained(
-    arguments: tuple[Any, ...], words: str, values: dict[str, Any]
-) -> None:
-    error = refused(HazardError, CustomHazard, *arguments)
-    assert words in str(error)
-    assert {key: getattr(error, key) for key in values} == values
+@pytest.mark.parametrize(("arguments", "words"), REFUSED)
+def test_wrong_arguments_are_explained(arguments: tuple[Any, ...], words: str) -> None:
+    assert words in refused(CustomHazard, *arguments)
+    assert refused(CustomHazard, 3) == "3 is not a function of (positions, alive)"
 
 
 @pytest.mark.parametrize("value", [{1, 2}, ca.DM([1, 2]), [bytearray()]])
 def test_unhashable_parameter_is_named(value: object) -> None:
-    text = str(refused(HazardError, CustomHazard, height, (), {"scale": value}))
+    text = refused(CustomHazard, height, (), {"scale": value})
     assert text.startswith("parameter 'scale' is ")
     assert text.endswith("; allowed: numbers, texts, lists of these")
 
 
 @pytest.mark.parametrize(
-    ("returned", "words", "shape"),
+    ("returned", "words"),
     [
-        (lambda x: x, "returned shape (1, 2) for 1 member; expected (1, 1)", (1, 2)),
-        (lambda x: ca.sum1(x[:, 0]), "shape (1, 1) for 2 members; expected (2, 1)", (1, 1)),
-        (lambda _: 0.5, "returned shape (1, 1) for 2 members; expected (2, 1)", (1, 1)),
-        (lambda _: None, "returned None, a NoneType; expected a CasADi expression", None),
-        (lambda _: "much", "returned 'much', a str; expected a CasADi expression", None),
+        (lambda x: x, "returned shape (1, 2) for 1 member; expected (1, 1)"),
+        (lambda x: ca.sum1(x[:, 0]), "returned shape (1, 1) for 2 members; expected (2, 1)"),
+        (lambda _: 0.5, "returned shape (1, 1) for 2 members; expected (2, 1)"),
+        (lambda _: None, "returned None, a NoneType; expected a CasADi expression"),
+        (lambda _: "much", "returned 'much', a str; expected a CasADi expression"),
     ],
 )
-def test_wrong_return_value_is_shown(
-    returned: Callable[[Any], Any], words: str, shape: tuple[int, int] | None
-) -> None:
+def test_wrong_return_value_is_shown(returned: Callable[[Any], Any], words: str) -> None:
     def mine(positions: Any, alive: Any) -> Any:  # noqa: ARG001
         return returned(positions)
 
-    error = refused(HazardError, CustomHazard, mine)
-    assert str(error).startswith("hazard ")
-    assert "mine' " in str(error)
-    assert words in str(error)
-    assert "\n" not in str(error)
-    if shape is not None:
-        members = 2 if "2 members" in words else 1
-        assert (error.members, error.shape, error.expected) == (members, shape, (members, 1))
+    text = refused(CustomHazard, mine)
+    assert text.startswith("hazard ")
+    assert "mine' " in text
+    assert words in text
+    assert "\n" not in text
 
 
 def test_function_with_any_keywords_is_taken() -> None:
@@ -243,12 +202,9 @@ def test_function_with_any_keywords_is_taken() -> None:
 @pytest.mark.parametrize(("function", "value"), [(height, "-2"), (root, "nan")])
 def test_invalid_rate_names_the_member(function: Callable[..., Any], value: str) -> None:
     hazard = CustomHazard(function)
-    error = refused(HazardError, hazard.rates, [[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]])
-    assert f"gives the rate {value}" in str(error)
-    assert "for member 1 at (3.5, -2); rates must be finite and not negative" in str(error)
-    assert (error.hazard, error.state) == (f"hazard {function.__name__!r}", 1)
-    assert (error.member, error.position) == (1, (3.5, -2.0))
-    np.testing.assert_equal(error.rate, float(value))
+    text = refused(hazard.rates, [[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]])
+    assert f"gives the rate {value}" in text
+    assert "for member 1 at (3.5, -2); rates must be finite and not negative" in text
     alive = [[True, True], [True, False]]  # of the destroyed, nobody asks
     assert hazard.rates([[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]], alive)[1].tolist() == [1, 0]
 
@@ -286,10 +242,8 @@ def test_lower_bound_above_rate_in_a_box_raises(
 ) -> None:
     hazard = CustomHazard(rate, lower_bound=bound)
     lower, upper = np.zeros((count, 2)), np.ones((count, 2))
-    error = refused(HazardError, hazard.single_agent_lower_bound, lower, upper)
-    assert re.search(where, str(error))
-    assert error.bound > error.rate
-    assert rate(ca.DM([error.position]), None)[0] == pytest.approx(error.rate)
+    with pytest.raises(HazardError, match=where):
+        hazard.single_agent_lower_bound(lower, upper)
 
 
 def test_lower_bound_of_nan_raises() -> None:

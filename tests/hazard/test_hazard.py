@@ -75,11 +75,8 @@ def test_wrong_shape_is_refused(hazard: Hazard, key: str, shape: tuple[int, ...]
         "alive": (lambda: hazard.rates(two, wrong.astype(bool)), "(2, 4), as for positions"),
         "points": (lambda: hazard.single_agent_rates(wrong), "(..., 2)"),
     }[key]
-    error = refused(HazardError, call)
     verb = "has" if key == "alive" else "have"
-    assert str(error) == f"{key} {verb} shape {shape}; expected {needed}"
-    assert (error.key, error.shape) == (key, shape)
-    assert key != "alive" or error.expected == (2, 4)
+    assert refused(call) == f"{key} {verb} shape {shape}; expected {needed}"
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -87,10 +84,8 @@ def test_positions_not_finite_are_refused(hazard: Hazard, value: float) -> None:
     state = SQUARE.copy()
     state[2, 1] = value
     alive = [True, True, False, True]  # not even those of the destroyed
-    for call, arguments in ((hazard.rates, (state, alive)), (hazard.single_agent_rates, (state,))):
-        error = refused(HazardError, call, *arguments)
-        assert str(error) == "positions hold NaN or infinity"
-        assert error.key == "positions"
+    assert refused(hazard.rates, state, alive) == "positions hold NaN or infinity"
+    assert refused(hazard.single_agent_rates, state) == "positions hold NaN or infinity"
 
 
 def test_rates_far_away_vanish_without_warnings(hazard: Hazard) -> None:
@@ -103,56 +98,34 @@ def test_rates_far_away_vanish_without_warnings(hazard: Hazard) -> None:
 
 
 ABOVE_ZERO = "allowed: a finite number above zero"
-PARAMETERS: list[tuple[str, Any, str, dict[str, Any]]] = [
-    ("radars", (), "radars are empty; expected (k, 2), k >= 1", {}),
-    ("radars", (1.0, 2.0), "radars have shape (2,); expected (k, 2)", {"shape": (2,)}),
-    ("radars", ((1.0, 2.0, 3.0),), "radars have shape (1, 3); expected (k, 2)", {"shape": (1, 3)}),
-    ("radars", ((1.0, 2.0), (3.0,)), "expected k pairs (x, y) of numbers", {}),
-    ("radars", (("a", "b"),), "expected k pairs (x, y) of numbers", {}),
-    ("radars", "here", "expected k pairs (x, y) of numbers", {"value": "'here'"}),
-    (
-        "radars",
-        ((0.0, np.inf),),
-        "radars must be finite; got ((0.0, inf),)",
-        {"value": ((0.0, np.inf),)},
-    ),
-    ("radars", ((0.0, np.nan),), "radars must be finite; got ((0.0, nan),)", {}),
-    (
-        "strengths",
-        (1.0,),
-        "1 strength for 2 radars; expected one each",
-        {"value": (1.0,), "expected": 2},
-    ),
-    (
-        "strengths",
-        (1.0, 0.0),
-        "strengths must be finite and above zero; got (1.0, 0.0)",
-        {"value": (1.0, 0.0)},
-    ),
-    ("strengths", (1.0, np.inf), "strengths must be finite and above zero", {}),
-    ("alpha_1", 0.0, f"alpha_1 = 0.0; {ABOVE_ZERO}", {"value": 0.0}),
-    ("alpha_1", np.nan, f"alpha_1 = nan; {ABOVE_ZERO}", {}),
-    ("alpha_1", "4", f"alpha_1 = '4'; {ABOVE_ZERO}", {}),
-    ("alpha_2", -1.0, "alpha_2 = -1.0; allowed: zero or above, finite", {"value": -1.0}),
-    ("alpha_2", None, "alpha_2 = None; allowed: zero or above, finite", {}),
-    ("alpha_3", -1.0, f"alpha_3 = -1.0; {ABOVE_ZERO}", {"value": -1.0}),
-    ("beta_1", 0.0, f"beta_1 = 0.0; {ABOVE_ZERO}", {"value": 0.0}),
-    ("beta_2", np.inf, f"beta_2 = inf; {ABOVE_ZERO}", {"value": np.inf}),
+PARAMETERS: list[tuple[str, Any, str]] = [
+    ("radars", (), "radars are empty; expected (k, 2), k >= 1"),
+    ("radars", (1.0, 2.0), "radars have shape (2,); expected (k, 2)"),
+    ("radars", ((1.0, 2.0, 3.0),), "radars have shape (1, 3); expected (k, 2)"),
+    ("radars", ((1.0, 2.0), (3.0,)), "expected k pairs (x, y) of numbers"),
+    ("radars", (("a", "b"),), "expected k pairs (x, y) of numbers"),
+    ("radars", ((0.0, np.nan),), "radars must be finite; got ((0.0, nan),)"),
+    ("strengths", (1.0,), "1 strength for 2 radars; expected one each"),
+    ("strengths", (1.0, 0.0), "strengths must be finite and above zero; got (1.0, 0.0)"),
+    ("strengths", (1.0, np.inf), "strengths must be finite and above zero"),
+    ("alpha_1", 0.0, f"alpha_1 = 0.0; {ABOVE_ZERO}"),
+    ("alpha_1", np.nan, f"alpha_1 = nan; {ABOVE_ZERO}"),
+    ("alpha_1", "4", f"alpha_1 = '4'; {ABOVE_ZERO}"),
+    ("alpha_2", -1.0, "alpha_2 = -1.0; allowed: zero or above, finite"),
+    ("alpha_2", None, "alpha_2 = None; allowed: zero or above, finite"),
+    ("alpha_3", -1.0, f"alpha_3 = -1.0; {ABOVE_ZERO}"),
+    ("beta_1", 0.0, f"beta_1 = 0.0; {ABOVE_ZERO}"),
+    ("beta_2", np.inf, f"beta_2 = inf; {ABOVE_ZERO}"),
     *(
-        ("core_radius", radius, "allowed: a finite number", {})
+        ("core_radius", radius, f"core_radius = {radius!r}; allowed: a finite number")
         for radius in (0.0, -1.0, np.inf, "wide")
     ),
 ]
 
 
-@pytest.mark.parametrize(("key", "value", "words", "values"), PARAMETERS)
-def test_wrong_parameter_names_allowed_values(
-    key: str, value: Any, words: str, values: dict[str, Any]
-) -> None:
-    error = refused(HazardError, lambda: SaturationCollision(**{"radars": RADARS, key: value}))
-    assert words in str(error)
-    assert key != "core_radius" or str(error).startswith("core_radius = ")
-    assert {name: getattr(error, name) for name in ("key", *values)} == {"key": key, **values}
+@pytest.mark.parametrize(("key", "value", "words"), PARAMETERS)
+def test_wrong_parameter_names_allowed_values(key: str, value: Any, words: str) -> None:
+    assert words in refused(SaturationCollision, **{"radars": RADARS, key: value})
 
 
 def test_zero_saturation_is_allowed() -> None:
@@ -272,7 +245,7 @@ def test_kernels_may_branch_without_warnings() -> None:
 def test_invalid_rates_are_refused_with_position() -> None:
     hazard = Branching(((0.5, 0.0),))
     # -log(0) at the radar
-    assert str(refused(HazardError, hazard.rates, [[3.0, 3.0], [0.5, 0.0]])) == (
+    assert refused(hazard.rates, [[3.0, 3.0], [0.5, 0.0]]) == (
         "Branching(radars=((0.5, 0.0),), strengths=None, core_radius=0.01) gives the rate inf "
         "for member 1 at (0.5, 0); rates must be finite and not negative"
     )

@@ -306,7 +306,6 @@ HAZARDS = [
 
 def rates(hazard: csw.Hazard, positions: Any, alive: Any) -> Any:
     compiled = compiled_rates(hazard, alive.shape[1])
-    assert compiled is not None
     found = np.full(alive.shape, np.nan)
     assert compiled(positions, alive, found)
     return found

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import pickle
 import py_compile
-import subprocess
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import python
+from refusals import refused
 
 import casswarm.hazard.custom
 from casswarm.errors import HazardError
 from casswarm.hazard import CustomHazard, Hazard
 from casswarm.hazard.custom import origin, user_hazard
 
+HERE = __name__
 UNIT = "def rate(positions, alive):\n    return {} * alive\n"
 
 
@@ -25,12 +27,6 @@ def rate_by_name(positions: Any, alive: Any, scale: float = 1.0) -> Any:  # noqa
 
 
 not_a_function = 3
-
-
-def message(*arguments: Any) -> str:
-    with pytest.raises(HazardError) as caught:
-        user_hazard(*arguments)
-    return str(caught.value)
 
 
 def write(path: Path, text: str) -> Path:
@@ -62,29 +58,22 @@ def test_function_is_imported_by_name() -> None:
             "cannot import the module 'no_such_module' of 'no_such_module:rate': "
             "ModuleNotFoundError: No module named 'no_such_module'",
         ),
-        (f"{__name__}:none", f"the module '{__name__}' has no function 'none'"),
-        (
-            f"{__name__}:rate_by_name.none",
-            f"the module '{__name__}' has no function 'rate_by_name.none'",
-        ),
-        (f"{__name__}:not_a_function", f"'{__name__}:not_a_function' is not a function"),
+        (f"{HERE}:none", f"the module '{HERE}' has no function 'none'"),
+        (f"{HERE}:rate_by_name.none", f"the module '{HERE}' has no function 'rate_by_name.none'"),
+        (f"{HERE}:not_a_function", f"'{HERE}:not_a_function' is not a function"),
     ],
 )
 def test_wrong_name_names_the_missing_part(name: str, words: str) -> None:
-    assert message(name, None, (), {}) == words
+    assert refused(user_hazard, name, None, (), {}) == words
 
 
 # --- from the folder of a file
 
 
-def test_function_and_method_are_loaded_from_folder_and_sys_path_is_unchanged(
-    tmp_path: Path,
-) -> None:
+def test_method_is_loaded_from_folder_and_sys_path_is_unchanged(tmp_path: Path) -> None:
     before = [*sys.path]
-    write(
-        tmp_path / "found_in_folder.py",
-        "class Rates:\n    @staticmethod\n    def unit(positions, alive):\n        return alive\n",
-    )
+    text = "class Rates:\n  @staticmethod\n  def unit(positions, alive):\n    return alive\n"
+    write(tmp_path / "found_in_folder.py", text)
     hazard = user_hazard("found_in_folder:Rates.unit", tmp_path, (), {})
     assert hazard.rates([[0, 0], [1, 1]]).tolist() == [1, 1]
     assert sys.path == before
@@ -132,17 +121,14 @@ def test_compiled_code_beside_the_text_is_not_run(tmp_path: Path) -> None:
         ("1 / 0\n", "ZeroDivisionError: division by zero"),
         ("import sys\nsys.exit()\n", "SystemExit: "),
         ("import no_such_helper\n", "ModuleNotFoundError: No module named 'no_such_helper'"),
-        (
-            "import sibling\n",
-            "ModuleNotFoundError: No module named 'sibling' (",
-        ),
+        ("import sibling\n", "ModuleNotFoundError: No module named 'sibling' ("),
         ("from . import no_such_helper\n", "ImportError: cannot import name 'no_such_helper'"),
     ],
 )
 def test_module_that_fails_to_import_is_explained(tmp_path: Path, text: str, words: str) -> None:
     write(tmp_path / "broken.py", text)
     write(tmp_path / "sibling.py", "")
-    said = message("broken:rate", tmp_path, (), {})
+    said = refused(user_hazard, "broken:rate", tmp_path, (), {})
     assert said.startswith(f"cannot import the module 'broken' of 'broken:rate': {words}")
     assert "casswarm_user" not in said
     assert ("write `from . import sibling`" in said) == (text == "import sibling\n")
@@ -153,7 +139,7 @@ def test_module_that_fails_to_import_is_explained(tmp_path: Path, text: str, wor
 )
 def test_function_that_the_module_only_imports_is_refused(tmp_path: Path, line: str) -> None:
     write(tmp_path / "borrowed.py", f"{line}\n")
-    assert "is not defined in the folder" in message("borrowed:rate", tmp_path, (), {})
+    assert "is not defined in the folder" in refused(user_hazard, "borrowed:rate", tmp_path, (), {})
 
 
 @pytest.mark.parametrize("name", ["click:edit", "webbrowser:open", "os:system", "builtins:print"])
@@ -177,15 +163,9 @@ def test_entry_point_of_installed_package_is_found(
 
 def test_function_of_folder_pickles_into_another_process(tmp_path: Path) -> None:
     write(tmp_path / "sent.py", UNIT.format(8))
-    program = (
-        "import pickle, sys\n"
-        "function = pickle.loads(sys.stdin.buffer.read())\n"
-        "print(function([[0, 0]], 1))\n"
-    )
     hazard = user_hazard("sent:rate", tmp_path, (), {})
     assert isinstance(hazard, CustomHazard)
-    command = [sys.executable, "-c", f"import casswarm\n{program}"]
-    done = subprocess.run(
-        command, input=pickle.dumps(hazard.function), capture_output=True, check=True, cwd=tmp_path
-    )
-    assert done.stdout.strip() == b"8"
+    (tmp_path / "function.pickle").write_bytes(pickle.dumps(hazard.function))
+    program = "import pickle\nfunction = pickle.load(open('function.pickle', 'rb'))\n"
+    program += "print(function([[0, 0]], 1))"
+    assert python("-c", f"import casswarm\n{program}", folder=tmp_path).stdout.strip() == "8"
