@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_scenarios import DT, V_MAX, patrolled, small
+from small_scenarios import DT, V_MAX, image, patrolled, small
 
 from casswarm import PlanningError, Scenario, load_scenario, plan
 from casswarm.grid import CostToGoMap, StageCosts, ValueFunction, box_extremum, rounding
@@ -153,14 +153,7 @@ def exact_interpolation(value: ValueFunction, step: int, position: np.ndarray) -
 
 
 def test_lower_bound_far_from_the_origin_covers_rounding_of_positions() -> None:
-    moved = SCENARIO.with_values(
-        {
-            "swarm.positions": (SCENARIO.positions + 1e8).tolist(),
-            "target.center": (np.array(SCENARIO.target.center) + 1e8).tolist(),
-            "hazard.radars": (SCENARIO.hazard.radar_positions + 1e8).tolist(),
-        }
-    )
-    value = ValueFunction.from_scenario(moved, 100_000)
+    value = ValueFunction.from_scenario(image(SCENARIO, np.eye(2), shift=(1e8, 1e8)), 100_000)
     positions = 1e8 + np.random.default_rng(4).uniform((0, 0), (3, 2), (60, 2))
     low, _ = value.bounds(0, positions)
     assert np.isfinite(low).all()

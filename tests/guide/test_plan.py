@@ -15,7 +15,6 @@ from casswarm import (
     Guide,
     PlanningError,
     Scenario,
-    SolverError,
     Status,
     load_scenario,
     plan,
@@ -69,10 +68,6 @@ def test_plan_arrival_step_is_best_of_all() -> None:
     assert 8 < best.arrival < 40  # neither the first nor the last
     assert guide.arrival == best.arrival
     assert guide.risk == pytest.approx(best.risk, rel=1e-7)
-
-
-def test_plan_tries_neighbours_of_best_arrival_step() -> None:
-    guide = plan(patrol(40))
     tried = {c.arrival for c in guide.candidates}
     assert {guide.arrival - 1, guide.arrival + 1} <= tried
     assert len(tried) < 20
@@ -193,8 +188,6 @@ def test_plan_search_argument_overrides_scenario() -> None:
         "optimizing straight line",
         "proving a lower bound",
     }
-    with pytest.raises(SolverError, match="'local', 'global'"):
-        plan(scenario, search="everywhere")
 
 
 def test_plan_candidates_cover_homotopy_classes() -> None:
@@ -302,12 +295,6 @@ def test_plan_baseline_has_the_bound_of_its_guide_without_limits(certify: bool) 
     certificate = guide.certificate
     assert baseline.risk_bound == (None if certificate is None else certificate.bound)
     assert baseline.certificate is None or baseline.certificate.accelerated is None
-
-
-def test_plan_baseline_without_time_to_search_fails() -> None:
-    scenario = load_scenario("single-agent")
-    with pytest.raises(PlanningError, match="before its first solve"):
-        plan_baseline(scenario, plan(scenario, certify=False), time_limit=1e-6)
 
 
 def test_best_paths_are_those_of_the_homotopy_classes() -> None:

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
-import subprocess
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -187,13 +183,3 @@ def test_feedback_improves_success_of_dispersed_swarm(name: str) -> None:
     fixed = evaluate(scenario(), name, **options)
     feedback = evaluate(scenario(), f"{name}-feedback", **options)
     assert feedback.success[0] > fixed.success[1]
-
-
-@pytest.mark.slow
-def test_simulate_command_accepts_feedback_policies(tmp_path: Path) -> None:
-    words = "simulate single-agent --policy leader-feedback --policy constrained-feedback"
-    command = [Path(sys.executable).parent / "casswarm", *words.split(), "--runs", "20", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    rows = json.loads(done.stdout)["result"]["summary"]
-    assert [row["policy"] for row in rows] == list(NAMES)
