@@ -84,18 +84,15 @@ def test_success_bound_exceeds_leader_on_paper_scenarios(name):
     assert leader.success.low < bound < 1.0
 
 
+ALLEY, PAPER = load_scenario("alley"), load_scenario("paper-1")
 PAIR = small([(0.0, 0.0), (0.2, 0.3)], (2.0, 0.4), [(1.3, 0.7), (2.1, -0.9)], 4)
 
 
 @pytest.mark.parametrize(
     ("scenario", "bound", "strengths"),
     [
-        (load_scenario("paper-1"), success_bound, (4.0, 5.0)),
-        (
-            load_scenario("alley"),
-            partial(success_bound, max_nodes=100_000, max_work=3e6),
-            (2, 3, 4),
-        ),
+        (PAPER, success_bound, (4.0, 5.0)),
+        (ALLEY, partial(success_bound, max_nodes=100_000, max_work=3e6), (2, 3, 4)),
         (PAIR, partial(pair_bound, max_nodes=300_000), (1, 4, 16)),
     ],
 )

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
-from small_scenarios import TWO, Point, bounded_patrol, free, patrolled
+from small_scenarios import TWO, bounded_patrol, free, patrolled
 
 from casswarm import HazardError, Saturation, ScenarioError, load_scenario, plan
 from casswarm.guide import certify_guide
@@ -96,9 +96,7 @@ def test_hazard_subclass_does_not_inherit_lower_bound(kind: type[Saturation]) ->
     ],
     ids=["target enclosed by radars", "start next to a radar", "just reachable"],
 )
-def test_certificate_hard_geometry_reaches_gap(
-    target: Point, radars: list[Point], steps: int
-) -> None:
+def test_certificate_hard_geometry_reaches_gap(target, radars, steps) -> None:
     guide = plan(free(target, radars, steps), gap=0.001)
     assert 0 <= guide.gap <= 0.001
 

@@ -6,6 +6,7 @@ import itertools
 import math
 import pickle
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -222,10 +223,13 @@ def test_plan_swarm_paper_scenarios_succeed_for_all_seeds(name, least, seeds):
     assert abs(plans[0].value - plans[-1].value) < 1e-3
 
 
+@cache
+def in_formations(objective="success", **options):
+    return plan_swarm(abreast(2), objective, initial_guesses=["formations"], **options)
+
+
 def test_plan_swarm_min_distance_is_kept():
-    scenario = abreast(2)
-    close = plan_swarm(scenario, initial_guesses=["formations"])
-    separated = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.3)
+    close, separated = in_formations(), in_formations(min_distance=0.3)
     assert close.least_distance < 0.1
     assert separated.least_distance >= 0.3 - 1e-5
     assert separated.value < close.value
@@ -242,18 +246,12 @@ def test_plan_swarm_large_min_distance_arrives_one_by_one():
 
 
 def test_plan_swarm_arrivals_are_simultaneous():
-    scenario = abreast(2)
-    plans = {
-        o: plan_swarm(scenario, o, initial_guesses=["formations"])
-        for o in ("arrivals", "survivors")
-    }
-    arriving = plans["arrivals"]
+    success, arriving, surviving = map(in_formations, ("success", "arrivals", "survivors"))
     assert len(set(arriving.arrivals.tolist())) == 1
     assert arriving.value == pytest.approx(arriving.distribution.arrivals_mean, abs=1e-12)
-    assert plans["survivors"].value == pytest.approx(plans["survivors"].distribution.survivors_mean)
-    success = plan_swarm(scenario, initial_guesses=["formations"])
+    assert surviving.value == pytest.approx(surviving.distribution.survivors_mean)
     assert arriving.value >= success.distribution.arrivals_mean - 1e-6
-    assert plans["survivors"].value >= success.distribution.survivors_mean - 1e-6
+    assert surviving.value >= success.distribution.survivors_mean - 1e-6
 
 
 def test_plan_swarm_unreachable_target_is_not_prescribed():
