@@ -9,7 +9,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from scaled_scenarios import scaled
-from small_scenarios import TWO, Array, abreast, image, small
+from small_scenarios import TWO, Array, abreast, colliding, image, pair, small
 
 import casswarm as csw
 from casswarm import Scenario
@@ -34,9 +34,6 @@ SMALL = small(
     [(1.5, 1.3), (1.6, -1.0)],
     10,
     guide__a_max=0.3,
-)
-COLLIDING = SMALL.with_values(
-    {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}
 )
 POLICIES = ("naive", "leader", "constrained", "leader-feedback", "leader-mpc-3")
 
@@ -85,7 +82,7 @@ SOME = ((10.0, 1.0),)
     ("length", "time"),
     [pytest.param(*u, marks=() if u in SOME else pytest.mark.slow) for u in LENGTHS + TIMES],
 )
-@pytest.mark.parametrize("scenario", [SMALL, COLLIDING], ids=["saturation", "collision"])
+@pytest.mark.parametrize("scenario", [SMALL, colliding(SMALL)], ids=["saturation", "collision"])
 def test_results_are_independent_of_units(scenario: Scenario, length: float, time: float) -> None:
     other = scaled(scenario, length, time)
     guide, numbers = planned(other)
@@ -148,10 +145,6 @@ def test_guide_of_image_is_image_of_guide_to_the_last_digit(matrix: Array) -> No
     assert bounds[0][2] > 20
 
 
-PAIR = small([(0.0, 0.0), (0.2, 0.3)], (2.0, 0.4), [(1.3, 0.7), (2.1, -0.9)], 4)
-COLLIDING_PAIR = PAIR.with_values(
-    {"hazard.kind": "saturation+collision", "hazard.beta_1": 0.2, "hazard.beta_2": 6.0}
-)
 STEERED_PAIR = small(
     [(0.0, 0.0), (0.3, 0.2)],
     (2.2, 0.0),
@@ -205,8 +198,8 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
 }
 NUMBERS: dict[str, tuple[Scenario, Callable[[Scenario], object], float, Iterable[str]]] = {
     "level game": (csw.load_scenario("alley"), level_game, 1e-9, [*IMAGES, "backwards"]),
-    "bound of pairs": (PAIR, pairs, 1e-3, IMAGES),  # whose grid begins at the first
-    "bound of colliding pairs": (COLLIDING_PAIR, pairs, 1e-3, IMAGES),
+    "bound of pairs": (pair(), pairs, 1e-3, IMAGES),  # whose grid begins at the first
+    "bound of colliding pairs": (colliding(pair()), pairs, 1e-3, IMAGES),
     "optimal policy": (STEERED_PAIR, optimal, 1e-5, ["backwards"]),
     "joint plan": (CROSSING, joint, 1e-6, ["shifted"]),  # rounds, and solves differ by that
     "bound with acceleration": (TURNING, accelerated, 1e-9, ["in small units"]),

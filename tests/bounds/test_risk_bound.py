@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_plans import geometry, random_paths, risks
+from random_paths import geometry, random_paths, risks
 from scipy.ndimage import maximum_filter, minimum_filter
 from small_scenarios import TWO, Array, Point, free, grid_bounds, least_cost_on_grid
 

@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
+from functools import partial
 
 import numpy as np
 import pytest
-from small_scenarios import (
-    ALPHA,
-    DT,
-    V_MAX,
-    patrolled,
-    single_agent_rate_by_hand,
-    small,
-)
+from small_scenarios import ALPHA, DT, V_MAX, pair, patrolled, single_agent_rate_by_hand, small
 
-from casswarm import (
-    SaturationCollision,
-    SuccessBound,
-    evaluate,
-    load_scenario,
-    plan,
-    success_bound,
-)
-from casswarm.bounds import certify
+from casswarm import SuccessBound, evaluate, load_scenario, plan, success_bound
+from casswarm.bounds import certify, pair_bound
 from casswarm.grid import Relaxation
+from casswarm.hazard import SaturationCollision
 from casswarm.hazard.rate_bounds import LeastRate
 from casswarm.joint import PlanDistribution
 
@@ -79,6 +69,31 @@ def test_success_bound_is_sharper_with_collisions() -> None:
     scenarios = [load_scenario(name) for name in ("paper-1", "paper-2")]
     calm, crowded = (success_bound(scenario, max_work=0) for scenario in scenarios)
     assert crowded.failure > 10 * calm.failure
+
+
+LEVEL_GAME = partial(success_bound, max_nodes=100_000, max_work=3e6)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "bound", "strengths"),
+    [
+        (load_scenario("paper-1"), success_bound, (4.0, 5.0)),
+        (load_scenario("alley"), LEVEL_GAME, (2, 3, 4)),
+        (pair(), partial(pair_bound, max_nodes=300_000), (1, 4, 16)),
+    ],
+)
+def test_bound_falls_with_rates(scenario, bound, strengths):
+    values = [bound(scenario.with_values({"hazard.alpha_1": s})).value for s in strengths]
+    assert (np.diff(values) < 0).all()
+    assert values[-1] > 0
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2", "gauntlet"])
+def test_success_bound_exceeds_leader_on_paper_scenarios(name):
+    scenario = load_scenario(name)
+    bound = float(success_bound(scenario))
+    leader = evaluate(scenario, "leader", 1e-2, max_states=20_000)  # a lower end suffices
+    assert leader.success.low < bound < 1.0
 
 
 # --- the least rate
@@ -178,3 +193,42 @@ def test_success_bound_member_out_of_reach_only_protects(far: float, alpha_2: fl
     np.testing.assert_allclose(three.risks[:2], fraction * np.array(two.risks), rtol=0.02)
     if alpha_2 == 0.0:
         assert three.failure == pytest.approx(two.failure, rel=0.02)
+
+
+# --- memory, wherever the members are
+
+CODE = """
+import resource
+import sys
+from pathlib import Path
+
+import casswarm as csw
+
+scenario = csw.load_scenario("paper-1")
+far = float(sys.argv[1])
+values = {"swarm.positions": [[far, 0.0], *map(list, scenario.positions[1:])]}
+if sys.argv[2] == "reachable":
+    values |= {"target.center": [far / 2, 0.0], "target.radius": far / 2 - 10.0}
+    values |= {"hazard.core_radius": 0.01}
+scenario = scenario.with_values(values)
+pages = int(Path("/proc/self/statm").read_text().split()[0])
+limit = pages * resource.getpagesize() + 600_000_000
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+print(*csw.success_bound(scenario).risks)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits memory as on Linux")
+@pytest.mark.parametrize(
+    "far", ["1500", *(pytest.param(far, marks=pytest.mark.slow) for far in ("1e8", "2e9"))]
+)
+@pytest.mark.parametrize("kind", ["reachable", "unreachable"])
+def test_far_members_need_no_more_memory(far, kind):
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, far, kind], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    risks = np.array(done.stdout.split(), float)
+    assert (risks[0] == np.inf) == (kind == "unreachable")
+    assert (risks[1:] >= 0).all()
+    assert np.isfinite(risks[1:]).all()

@@ -51,6 +51,20 @@ def three_members(**values: object) -> Scenario:
     return small(positions, (3.0, 0.0), [(1.5, 0.8)], 12, **values)
 
 
+def colliding(scenario: Scenario) -> Scenario:
+    """The scenario with rates that grow where members are close."""
+    values = {"kind": "saturation+collision", "beta_1": 0.2, "beta_2": 6.0}
+    return scenario.with_values({f"hazard.{key}": value for key, value in values.items()})
+
+
+ON_THE_WAY = [(1.3, 0.7), (2.1, -0.9)]
+
+
+def pair(steps: int = 4, **values: object) -> Scenario:
+    """Two members close to one another, and two radars on their way; `values` as in `small`."""
+    return small([(0.0, 0.0), (0.2, 0.3)], (2.0, 0.4), ON_THE_WAY, steps, **values)
+
+
 BESIDE = [(1.0, 0.9), (2.2, -0.8)]
 """Radars on both sides of the way of `abreast`."""
 
