@@ -11,7 +11,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from small_scenarios import BESIDE, abreast, around, rate_by_hand, small
+from small_scenarios import BESIDE, abreast, rate_by_hand, small
 
 from casswarm import (
     SolverError,
@@ -279,17 +279,6 @@ def test_plan_swarm_custom_hazard_matches_evaluate():
     assert not best.bound.certified
     assert best.success.low > 0.1
     assert "CustomHazard does not provide" in str(best)
-
-
-@pytest.mark.slow
-def test_plan_swarm_large_swarm_uses_mean_field():
-    rng = np.random.default_rng(4)
-    scenario = small(around(rng, 12), (3.0, 0.2), BESIDE, 8)
-    best = plan_swarm(scenario)
-    assert best.distribution is None
-    assert best.success.low < best.success.high < best.value  # the mean field's is optimistic
-    assert "by the mean field" in str(best)
-    assert (best.arrivals > 0).all()
 
 
 # --- wrong input
