@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import replace
 from functools import cache
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from backend_cases import GATE
 from failing_solver import Failing
-from small_scenarios import DT, V_MAX, image, patrolled, single_agent_rate_by_hand, small
+from small_scenarios import DT, V_MAX, patrolled, single_agent_rate_by_hand, small
 
 from casswarm import (
     Guide,
@@ -23,7 +22,6 @@ from casswarm import (
     plan_baseline,
 )
 from casswarm.guide import plan_from
-from casswarm.guide.multistart import solve_by
 from casswarm.nlp import Instances, Nlp
 
 MEMBER = [(0.0, 0.0)]
@@ -297,56 +295,3 @@ def test_guide_values_by_name_count_all_starts() -> None:
     assert sum(guide.outcomes.values()) == len(guide.candidates) == len(values["candidates"])
     assert values["risk_bound"] == values["certificate"]["accelerated"]["bound"]
     assert values["gap"] == guide.gap
-
-
-# --- a target that can only just be reached leaves a thin feasible set
-
-# the straight line reaches this target with a millionth of its length to spare
-BARELY_REACHABLE = """
-name = "barely"
-[swarm]
-positions = [[0.03903560220905538, -0.6126665726024624]]
-velocity = [-3.4372342054833513, 0.24367052758716778]
-v_max = 3.82873384437479
-a_max = 141.23266869742716
-[target]
-center = [-40.06913673215996, 3.7728671200867163]
-radius = 0.0032493753424275846
-[time]
-dt = 1.4963909924186694
-t_f = 10.474736946930685
-[hazard]
-kind = "saturation+collision"
-radars = [
-  [-6.398061721000219, 0.6341671629169763], [-10.543683035764962, 0.7474570117852748],
-  [-5.072444087748411, -3.871620034093187], [-15.160992462808895, 9.004821466222142],
-]
-alpha_1 = 0.627693051944591
-alpha_2 = 4.955424997610369
-alpha_3 = 0.2339301586854201
-beta_1 = 1.009384842793144
-beta_2 = 1.5310368364088704
-[guide]
-search = "local"
-arrival = "horizon"
-acceleration_limited = false
-[formation]
-rho = 0.4104000962485832
-"""
-TURNS = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
-
-
-def test_ipopt_is_not_believed_in_any_axes_that_feasible_guess_is_infeasible(monkeypatch):
-    statuses = []
-
-    def recorded(deadline, solver, nlp, instance):
-        statuses.append(str(solver.solve(nlp, instance)[0].status))
-        return solve_by(deadline, solver, nlp, instance)
-
-    monkeypatch.setattr("casswarm.guide.multistart.solve_by", recorded)
-    scenario = Scenario.from_data(tomllib.loads(BARELY_REACHABLE))
-    guides = [plan(image(scenario, turn), certify=False) for turn in TURNS]
-    assert statuses == ["infeasible"] * 2
-    assert all(guide.solution.status.success for guide in guides)
-    assert guides[0].survival == pytest.approx(guides[1].survival, abs=1e-6)
-    assert guides[0].survival > 0.925

@@ -61,13 +61,18 @@ def test_replanning_is_independent_of_call_order(first):
     step = 3
     alive = np.array([[True, True, False], [True, False, True], [False, True, True], [True] * 3])
     positions = np.where(alive[..., None], first.positions[step], 0.0)
-    state = positions, np.where(alive[..., None], first.velocities[step - 1], 0.0), alive
+    previous_velocities = np.where(alive[..., None], first.velocities[step - 1], 0.0)
     policy = feedback(first)
     sent = pickle.loads(pickle.dumps(policy))
-    together = policy.velocities(step, *state)
+    together = policy.velocities(step, positions, previous_velocities, alive)
     for other in (sent, feedback(first)):
         for row in reversed(range(4)):
-            one = other.velocities(step, *(part[row : row + 1] for part in state))
+            one = other.velocities(
+                step,
+                positions[row : row + 1],
+                previous_velocities[row : row + 1],
+                alive[row : row + 1],
+            )
             np.testing.assert_array_equal(one[0], together[row])
 
 
@@ -106,8 +111,10 @@ def test_replanning_survivors_keep_min_distance():
 def test_replanning_unplanned_state_is_steered_back(first):
     policy = feedback(first)
     positions = CROWDED.positions[None] + 0.3
-    state = positions, first.initial_velocities[None], np.ones((1, 3), bool)
-    decision, open_loop = (each.decide(0, *state) for each in (policy, policy.open_loop))
+    decision = policy.decide(0, positions, first.initial_velocities[None], np.ones((1, 3), bool))
+    open_loop = policy.open_loop.decide(
+        0, positions, first.initial_velocities[None], np.ones((1, 3), bool)
+    )
     np.testing.assert_array_equal(decision.velocities, open_loop.velocities)
     assert decision.fallbacks.sum() == policy.tree.solves == 0
 
