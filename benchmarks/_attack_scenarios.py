@@ -227,7 +227,8 @@ def scale_length(data: Data, factor: float) -> Data:
         "swarm.positions": 1, "swarm.velocity": 1, "swarm.v_max": 1, "swarm.a_max": 2,
         "target.center": 1, "target.radius": 1, "hazard.radars": 1, "hazard.alpha_1": 2,
         "hazard.alpha_3": -2, "hazard.beta_1": 1, "hazard.core_radius": 1, "guide.a_max": 2,
-        "guide.margin": 1, "guide.gamma": -1, "formation.rho": 2,
+        "guide.margin": 1, "guide.gamma": -1, "guide.learning_rate": 2, "formation.rho": 2,
+        "formation.learning_rate": 2,
     }  # fmt: skip
     return _multiplied(data, powers, factor)
 
@@ -236,7 +237,7 @@ def scale_time(data: Data, factor: float) -> Data:
     """The same scenario in another unit of time."""
     powers = {
         "swarm.velocity": -1, "swarm.v_max": -1, "swarm.a_max": -2, "time.dt": 1, "time.t_f": 1,
-        "hazard.alpha_1": -1, "guide.a_max": -2,
+        "hazard.alpha_1": -1, "guide.a_max": -2, "formation.learning_rate": 1,
     }  # fmt: skip
     if data["hazard"]["kind"] == "saturation+collision":
         powers["hazard.beta_1"] = -1 / data["hazard"]["beta_2"]

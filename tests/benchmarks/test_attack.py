@@ -22,13 +22,18 @@ def attack(monkeypatch: pytest.MonkeyPatch) -> Any:
         del sys.modules[name]
 
 
-JOINT = pytest.param("joint", marks=pytest.mark.slow)
+SLOW = [("joint", 10, 1), ("risk", 20, 10), ("success", 100, 50), ("images", 20, 10)]
+CLAIMS = [("risk", 11, 1), ("success", 21, 4)]
+CLAIMS += [(claim, 10, 1) for claim in ("enumeration", "limits", "files")]
 
 
-@pytest.mark.parametrize("claim", ["risk", "success", "enumeration", "limits", JOINT, "files"])
-def test_claim_on_fixed_draws_holds(attack: Any, claim: str) -> None:
-    record = attack.search([claim], seed=10, draws=1)[claim]
-    assert record.draws == 1
+@pytest.mark.parametrize(
+    ("claim", "seed", "draws"),
+    [*CLAIMS, *(pytest.param(*row, marks=pytest.mark.slow) for row in SLOW)],
+)
+def test_claim_on_fixed_draws_holds(attack: Any, claim: str, seed: int, draws: int) -> None:
+    record = attack.search([claim], seed=seed, draws=draws)[claim]
+    assert record.draws == draws
     assert sum(tally.checks for tally in record.parts.values()) > 0
     assert record.violations == 0
 

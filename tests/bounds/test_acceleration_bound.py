@@ -7,15 +7,15 @@ import math
 import time
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_paths import geometry, random_paths, risks
 from scipy.ndimage import minimum_filter
-from small_scenarios import TWO, Array, Point, patrolled, small
+from small_scenarios import TWO, Array, Point, bounded_patrol, small
 
-from casswarm import Guide, Scenario, load_scenario, plan
+from casswarm import Scenario, load_scenario, plan
 from casswarm.bounds import (
     AccelerationBound,
     AccelerationLimits,
@@ -37,49 +37,10 @@ def agent(target: Point, radars: list[Point], steps: int, **values: object) -> S
     return small([(0.0, 0.0)], target, radars, steps, **{"guide__margin": 0.0} | values)
 
 
-def geometry(seed: int) -> Scenario:
-    """A random scenario of one to three radars and a random limit."""
-    rng = np.random.default_rng(seed)
-    radars = [(float(x), float(y)) for x, y in rng.uniform(-1, 5, (int(rng.integers(1, 4)), 2))]
-    radars = [radar for radar in radars if math.hypot(*radar) > 0.3] or [(2.0, 1.0)]
-    target = (float(rng.uniform(2, 4)), float(rng.uniform(-1, 4)))
-    values: dict[str, object] = {"swarm__a_max": float(rng.uniform(0.05, 1.0))}
-    if rng.random() < 0.3:
-        values["swarm__velocity"] = [float(v) for v in rng.uniform(-1, 1, 2)]
-    return agent(target, radars, int(rng.integers(9, 16)), **values)
-
-
 def bounded(scenario: Scenario, best: float, **options: float) -> AccelerationBound:
     options = {"gap": 0.01, "deadline": time.monotonic() + 20} | options
     task, limits = Relaxation.from_scenario(scenario), acceleration_limits(scenario)
     return bound_with_acceleration(task, limits, best, **options)  # type: ignore[arg-type]
-
-
-def paths_within_limits(scenario: Scenario, count: int, seed: int) -> Array:
-    """Random paths (m, T+1, 2) within the limits, of those that end in the target, all steps."""
-    rng, swarm, dt = np.random.default_rng(seed), scenario.swarm, scenario.time.dt
-    T, a = scenario.n_steps, math.sqrt(scenario.guide_a_max)
-    free = swarm.velocity == "guide"
-    aim = np.array(scenario.target.center) / (T * dt)
-    velocity = aim + rng.normal(0, 0.3, (count, 2)) if free else np.tile(swarm.velocity, (count, 1))
-    positions = [np.zeros((count, 2))]
-    for t in range(T):
-        wanted = (np.array(scenario.target.center) - positions[-1]) / ((T - t) * dt)
-        change = wanted + rng.normal(0, 0.3, (count, 2)) - velocity
-        if t == 0 and free:
-            change[:] = 0
-        length = np.hypot(*change.T)[:, None]
-        limit = math.sqrt(swarm.a_max) if t == 0 else a
-        velocity = velocity + change * np.minimum(1, limit / np.maximum(length, 1e-300))
-        velocity = np.clip(velocity, -swarm.v_max, swarm.v_max)
-        positions.append(positions[-1] + dt * velocity)
-    paths = np.stack(positions, axis=1)
-    return paths[scenario.target.contains(paths[:, -1])]
-
-
-def risks(scenario: Scenario, paths: Array) -> Array:
-    rates = scenario.hazard.single_agent_rates(paths[:, 1:])
-    return np.asarray(scenario.time.dt * rates.sum(axis=1))
 
 
 def dual_of(scenario: Scenario, reach: int = 2, steps: int | None = None) -> DualFunction:
@@ -188,9 +149,9 @@ def test_region_parts_halves_and_gaps() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)
-def test_dual_function_is_below_risk_of_paths_within_limits(seed: int) -> None:
-    scenario = geometry(seed)
-    paths = paths_within_limits(scenario, 500, seed)
+def test_dual_function_is_below_risk_of_random_paths(seed: int) -> None:
+    scenario = geometry(seed, limited=True)
+    paths = random_paths(scenario, 500, seed)
     dual = dual_of(scenario)
     for k in range(4):
         value = dual(random_multipliers(dual, seed + k)).value
@@ -200,7 +161,7 @@ def test_dual_function_is_below_risk_of_paths_within_limits(seed: int) -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)
 def test_dual_function_is_below_its_linear_models(seed: int) -> None:
-    dual = dual_of(geometry(seed))
+    dual = dual_of(geometry(seed, limited=True))
     points = [random_multipliers(dual, seed + k) for k in range(3)]
     for x, y in itertools.permutations(points, 2):
         at_x, at_y = dual(x), dual(y)
@@ -211,8 +172,8 @@ def test_dual_function_is_below_its_linear_models(seed: int) -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)
 def test_kept_region_holds_every_better_path(seed: int) -> None:
-    scenario = geometry(seed)
-    paths = paths_within_limits(scenario, 300, seed)
+    scenario = geometry(seed, limited=True)
+    paths = random_paths(scenario, 300, seed)
     if not len(paths):
         return
     dual, path_risks = dual_of(scenario, reach=4), risks(scenario, paths)
@@ -239,17 +200,6 @@ def test_dual_function_without_multipliers_is_bound_without_acceleration() -> No
 # --- known answers
 
 
-def uniform(positions: ca.MX, alive: ca.MX, **parameters: object) -> ca.MX:
-    return patrolled(positions, alive, **parameters)  # type: ignore[arg-type]
-
-
-uniform.lower_bound = (
-    lambda lower, upper, background: (  # type: ignore[attr-defined]  # noqa: ARG005
-        np.full(lower.shape[:-1], background)
-    )
-)
-
-
 def test_bound_turning_round_takes_steps_of_one_dimension() -> None:
     """Flying away at full speed, with a uniform rate: the risk is the least number of steps."""
     positions, velocity = [0.0], -2.0
@@ -260,7 +210,7 @@ def test_bound_turning_round_takes_steps_of_one_dimension() -> None:
     assert positions[-2] < target[0] - 0.6
     scenario = agent(
         target, [(50.0, 50.0)], 12, swarm__a_max=0.4, swarm__velocity=[-2.0, 0.0]
-    ).with_hazard(uniform, background=0.3)
+    ).with_hazard(bounded_patrol, background=0.3)
     risk = 0.3 * 0.33 * 8
     result = bounded(scenario, risk, first_nodes=20_000)
     assert 0.99 * risk <= result.bound <= risk
@@ -285,44 +235,6 @@ def test_bound_above_least_risk_is_not_proven() -> None:
 
 
 # --- the whole bound
-
-
-def climbed(scenario: Scenario, guide: Guide, seed: int) -> float:
-    """Least risk found by random changes of the guides of all classes that keep the limits."""
-    rng, least = np.random.default_rng(seed), math.inf
-    dt, swarm, limits = scenario.time.dt, scenario.swarm, acceleration_limits(scenario)
-    for candidate in guide.best_per_homotopy_class():
-        best, velocities = candidate.risk, candidate.velocities
-        for _ in range(60):
-            bumps = rng.normal(0, 10 ** rng.uniform(-4, -1), (40, len(velocities), 2))
-            trial = velocities + np.cumsum(bumps, axis=1) * rng.choice([0.1, 1.0])
-            trial = np.clip(trial, -swarm.v_max, swarm.v_max)
-            changes = np.hypot(*np.moveaxis(np.diff(trial, axis=1), 2, 0)).max(axis=1, initial=0.0)
-            first = np.hypot(*(dt * trial[:, 0] - limits.displacement).T)
-            paths = np.concatenate([np.zeros((40, 1, 2)), np.cumsum(dt * trial, axis=1)], axis=1)
-            valid = (dt * changes <= limits.later) & (first <= limits.first)
-            valid &= scenario.target.contains(paths[:, -1])
-            values = np.where(valid, risks(scenario, paths), math.inf)
-            if values.min() < best:
-                best, velocities = float(values.min()), trial[values.argmin()]
-        least = min(least, best)
-    return least
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=3, deadline=None)
-def test_bound_is_below_climbed_and_random_paths(seed: int) -> None:
-    scenario = geometry(seed)
-    guide = plan(scenario, certify=False, check=False)
-    if not guide.arrives:
-        return
-    result = bounded(scenario, guide.risk, deadline=time.monotonic() + 0.5)
-    least = min(
-        climbed(scenario, guide, seed),
-        risks(scenario, paths_within_limits(scenario, 2000, seed)).min(initial=math.inf),
-    )
-    assert result.bound <= least
-    assert result.bound <= guide.risk
 
 
 def test_bound_never_decreases_and_stays_below_risk() -> None:

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_scenarios import DT, V_MAX, Array, small
-from test_success_bound import adversary, some_scenario
+from small_scenarios import Array, small
 
 from casswarm import Saturation, SaturationCollision, Scenario, load_scenario, success_bound
 from casswarm.bounds import PotentialFamily
@@ -16,7 +15,6 @@ from casswarm.bounds.level_game import Effort, LevelGame, Potential, _product, g
 from casswarm.bounds.level_game_kernels import fill_levels
 from casswarm.grid import Relaxation
 from casswarm.hazard.rate_bounds import LeastRate
-from casswarm.joint import PlanDistribution
 
 ALLEY = load_scenario("alley")
 
@@ -31,18 +29,17 @@ def potential(scenario: Scenario, slope: float, largest: float, nodes: int = 100
 
 @pytest.mark.parametrize("collides", [False, True])
 def test_least_rates_are_below_rates_of_formations(collides: bool) -> None:
-    rng = np.random.default_rng(collides)
-    radars = [(-1.0, 2.0), (2.0, 0.5)]
-    hazard = SaturationCollision(radars, beta_2=4.0) if collides else Saturation(radars)
-    tightest = np.inf
-    for _ in range(60):
-        n = int(rng.integers(2, 6))
+    rng, tightest = np.random.default_rng(collides), np.inf
+    for _ in range(200):
+        radars = [(float(x), float(y)) for x, y in rng.uniform(-3, 3, (2, 2))]
+        beta_2, n, destroyed = rng.uniform(2, 8), int(rng.integers(2, 7)), int(rng.integers(3))
+        hazard = SaturationCollision(radars, beta_2=beta_2) if collides else Saturation(radars)
         x = rng.uniform(-3, 3, 2) + 10 ** rng.uniform(-2, 0.5) * rng.normal(size=(n, 2))
         squared = ((x[:, None] - x) ** 2).sum(axis=-1)
         densities = hazard.density_bound(squared).sum(axis=1) - 1
         rates, single = hazard.rates(x), hazard.single_agent_rates(x)
         least = hazard.least_rates(n, densities, single)
-        all_densities = hazard.least_rate(n)
+        all_densities = hazard.least_rate(n + destroyed)
         assert least is not None
         assert all_densities is not None
         assert (np.diagonal(least) <= rates * (1 + 1e-9)).all()
@@ -204,14 +201,6 @@ def test_level_game_reaches_known_bounds() -> None:
     assert success_bound(load_scenario("barricade"), max_work=1.5e8).value < 0.70
 
 
-def test_level_game_is_monotone_in_rates() -> None:
-    values = [
-        success_bound(ALLEY.with_values({"hazard.alpha_1": alpha}), 100_000, max_work=3e6).value
-        for alpha in (2.0, 3.0, 4.0)
-    ]
-    assert values[0] > values[1] > values[2]
-
-
 def test_level_game_with_members_out_of_reach_and_groups() -> None:
     far = [*ALLEY.positions.tolist(), (-60.0, 0.0)]
     with_far = ALLEY.with_values({"swarm.positions": far})
@@ -268,53 +257,3 @@ def test_time_limit_is_reported() -> None:
     again = success_bound(ALLEY, 50_000, max_work=1e7, time_limit=0.0)
     assert again is not bound  # it is not cached: there may be more time
     assert bound.value <= success_bound(ALLEY, 50_000, max_work=0).value
-
-
-def climbed(scenario: Scenario, rng: np.random.Generator, trials: int) -> float:
-    """Exact success of an open-loop plan after random improvements."""
-    reach = 0.9999999 * DT * V_MAX
-    path: Array = adversary(scenario, rng)
-    best, scale = PlanDistribution.from_positions(scenario, path).success[0], 0.3
-    for _ in range(trials):
-        velocities = np.diff(path, axis=0)
-        together = rng.random() < 0.5
-        shape = (len(velocities), 1 if together else scenario.n, 1)
-        changed = rng.random(shape) < 0.5
-        velocities += scale * reach * rng.normal(size=velocities.shape) * changed
-        velocities = np.clip(velocities, -reach, reach)
-        trial = np.concatenate([path[:1], path[0] + np.cumsum(velocities, axis=0)])
-        success = PlanDistribution.from_positions(scenario, trial).success[0]
-        if success > best:
-            path, best = trial, success
-        else:
-            scale = max(0.01, 0.97 * scale)
-    return best
-
-
-def attack(seed: int, trials: int) -> None:
-    rng = np.random.default_rng(seed)
-    scenario = some_scenario(rng, int(rng.integers(2, 5)), int(rng.integers(1, 9)), seed % 3 == 0)
-    factor = float(rng.choice([0.5, 1, 2, 4, 8]))
-    scenario = scenario.with_values({"hazard.alpha_1": factor * scenario.hazard.alpha_1})
-    bound = success_bound(scenario, 20_000, max_work=float(rng.choice([1e5, 1e6])), accuracy=0.0)
-    best = max(climbed(scenario, rng, trials) for _ in range(2))
-    assert best <= bound.value
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_no_plan_exceeds_the_bound(seed: int) -> None:
-    attack(seed, 30)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4, 100))
-def test_no_climbed_plan_exceeds_the_bound(seed: int) -> None:
-    attack(seed, 150)
-
-
-def test_all_risk_in_one_step_is_attained() -> None:
-    """Three members in one place, one step: the clocks are exact, and the game is not below."""
-    scenario = small([(0.0, 0.0)] * 3, (0.9, 0.0), [(4.0, 0.3)], 1, swarm__a_max=100.0)
-    bound = success_bound(scenario, 1_000_000, max_work=1e7)
-    clocks = success_bound(scenario, 1_000_000, max_work=0)
-    assert bound.value == clocks.value

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_scenarios import DT, V_MAX, patrolled, small
-from test_success_bound import adversary, some_scenario
+from small_scenarios import DT, ON_THE_WAY, V_MAX, colliding, pair, patrolled, small
 
-from casswarm import Saturation, SaturationCollision, load_scenario, success_bound
+from casswarm import SaturationCollision, load_scenario, success_bound
 from casswarm.bounds import PairValueFunction, pair_bound
 from casswarm.bounds.pair_bound import first_program
 from casswarm.bounds.pair_kernels import MemberNodes, step_back
@@ -21,57 +20,13 @@ from casswarm.errors import PlanningError
 from casswarm.grid import NodeBlock, Relaxation
 from casswarm.joint import PlanDistribution
 
-RADARS = [(1.3, 0.7), (2.1, -0.9)]
-COLLISIONS = {
-    "hazard__kind": "saturation+collision",
-    "hazard__beta_1": 0.2,
-    "hazard__beta_2": 6.0,
-}
-PAIR = [(0.0, 0.0), (0.2, 0.3)]
-
-
-def one_step(**values):
-    """Both members reach the target in one step, in which they may be anywhere together."""
-    return small([(0.0, 0.0), (0.0, 0.0)], (1.0, 0.0), [(2.0, 0.4)], 1, **values)
-
-
-# --- never below
-
-
-@pytest.mark.parametrize("collides", [False, True])
-def test_pair_bound_exceeds_random_plans(collides):
-    rng = np.random.default_rng([7, collides])
-    near = 0
-    for _ in range(10):
-        scenario = some_scenario(rng, 2, int(rng.integers(1, 6)), collides)
-        plans = [adversary(scenario, rng) for _ in range(8)]
-        laws = [PlanDistribution.from_positions(scenario, paths).success for paths in plans]
-        known = max(law.low for law in laws)
-        bound = pair_bound(scenario, known / 2, max_nodes=100_000)
-        assert bound.value >= max(law.high for law in laws)
-        near += bound.value < known + 0.1
-    assert near > 0
-
-
-@settings(max_examples=10, deadline=None)
-@given(st.integers(0, 10**6), st.booleans())
-def test_pair_bound_with_known_policy_is_not_below_it(seed, collides):
-    rng = np.random.default_rng(seed)
-    scenario = some_scenario(rng, 2, int(rng.integers(1, 5)), collides)
-    plans = [adversary(scenario, rng) for _ in range(4)]
-    laws = [PlanDistribution.from_positions(scenario, paths).success for paths in plans]
-    best = max(law.low for law in laws)
-    without = pair_bound(scenario, 0.0, max_nodes=150_000).value
-    assert best <= pair_bound(scenario, best * (1 - 1e-12), max_nodes=150_000).value <= 1.0
-    assert best <= without
-
-
 # --- known answers
 
 
 @pytest.mark.parametrize("collides", [False, True])
 def test_pair_bound_of_one_step_matches_best_positions(collides):
-    scenario = one_step(**(COLLISIONS if collides else {}))
+    scenario = small([(0.0, 0.0), (0.0, 0.0)], (1.0, 0.0), [(2.0, 0.4)], 1)  # anywhere together
+    scenario = colliding(scenario) if collides else scenario
     axis = np.linspace(0.5, 0.66, 15)
     east, north = np.meshgrid(axis, np.linspace(-0.5, 0.5, 41))
     spots = np.column_stack([east.ravel(), north.ravel()])
@@ -132,24 +87,12 @@ def test_pair_bound_does_not_depend_on_where_a_partner_out_of_reach_is(far):
 
 @pytest.mark.parametrize("factor", [1e4, 1e5])
 def test_pair_bound_of_tiny_success_is_positive(factor):
-    bound = pair_bound(
-        small(PAIR, (2.0, 0.4), RADARS, 4, hazard__alpha_1=factor), max_nodes=200_000
-    )
+    bound = pair_bound(pair(4, hazard__alpha_1=factor), max_nodes=200_000)
     assert 0 < bound.value < 1e-300
 
 
-def test_pair_bound_falls_with_rates():
-    bounds = [
-        pair_bound(
-            small(PAIR, (2.0, 0.4), RADARS, 4, hazard__alpha_1=strength), max_nodes=300_000
-        ).value
-        for strength in (1.0, 4.0, 16.0)
-    ]
-    assert bounds[0] > bounds[1] > bounds[2] > 0
-
-
 def test_initial_velocities_lower_bound():
-    scenario = small(PAIR, (2.0, 0.4), RADARS, 5, swarm__a_max=0.3)
+    scenario = pair(5, swarm__a_max=0.3)
     free = pair_bound(scenario, max_nodes=500_000).value
     away = np.array([[-1.5, 0.0], [-1.5, 0.0]])
     assert pair_bound(scenario, initial_velocities=away, max_nodes=500_000).value < free
@@ -192,11 +135,10 @@ def common_offset_mean(values, at, rng, count=4000):
 @pytest.mark.parametrize("collides", [False, True])
 def test_step_back_is_above_every_position_between_nodes(collides):
     rng = np.random.default_rng(3)
-    hazard = SaturationCollision(RADARS) if collides else Saturation(RADARS)
-    scenario = small(PAIR, (2.0, 0.4), RADARS, 4, **(COLLISIONS if collides else {}))
-    task = Relaxation.from_scenario(scenario, np.array(PAIR[0]))
+    scenario = colliding(pair(4)) if collides else pair(4)
+    task = Relaxation.from_scenario(scenario, scenario.positions[0])
     region = NodeBlock((0, 0), (10, 10))
-    lattice = pair_lattice(task, np.array(PAIR), 6, region, 2, (0.0, 0.0))
+    lattice = pair_lattice(task, scenario.positions, 6, region, 2, (0.0, 0.0))
     alone = rng.uniform(0.2, 0.6, (2, 10, 10))
     members = [
         MemberNodes(lattice.risk, lattice.slopes, lattice.spread, nodes, nodes) for nodes in alone
@@ -222,7 +164,7 @@ def test_step_back_is_above_every_position_between_nodes(collides):
             np.exp(common_offset_mean(np.log(array), at, np.random.default_rng(seed)))
             for array in (values, after)
         )
-        p, q = np.exp(-DT * hazard.rates(spacing * at.reshape(2, 2)))
+        p, q = np.exp(-DT * scenario.hazard.rates(spacing * at.reshape(2, 2)))
         exact = p * q * both + p * (1 - q) * first + q * (1 - p) * second
         assert exact <= found * (1 + 0.01)  # up to the error of the mean
 
@@ -246,8 +188,7 @@ def test_viable_boxes_hold_all_cells_around_viable_nodes():
 
 @pytest.mark.parametrize("collides", [False, True])
 def test_tube_keeps_bound_of_full_grid(collides):
-    kind = COLLISIONS if collides else {}
-    scenario = small(PAIR, (2.0, 0.4), RADARS, 5, **kind)
+    scenario = colliding(pair(5)) if collides else pair(5)
     program = first_program(scenario, 300_000)
     bound, kept = program.backward()
     values = program.task, program.starts
@@ -263,16 +204,18 @@ def test_tube_keeps_bound_of_full_grid(collides):
 
 # --- the value function
 
-FIVE_STEPS = small(PAIR, (2.0, 0.4), RADARS, 5)
+FIVE_STEPS = pair(5)
 
 
-def test_path_of_pair_keeps_speed_limit_and_arrives():
+def test_path_of_pair_keeps_speed_limit_and_arrives_and_value_is_zero_elsewhere():
     value = PairValueFunction.from_scenario(FIVE_STEPS, 300_000)
     path = value.path(FIVE_STEPS.positions)
     assert path.shape == (6, 2, 2)
     np.testing.assert_array_equal(path[0], FIVE_STEPS.positions)
     assert np.abs(np.diff(path, axis=0)).max() <= DT * V_MAX * (1 + 1e-9)
     assert FIVE_STEPS.target.contains(path).any()
+    for step, positions in ((2, np.full((3, 2, 2), 99.0)), (6, path[:3])):  # outside, and after
+        np.testing.assert_array_equal(value.after(step, positions), 0.0)
 
 
 def test_value_of_path_is_near_its_exact_law():
@@ -283,17 +226,10 @@ def test_value_of_path_is_near_its_exact_law():
     assert law.low - 0.01 <= predicted <= pair_bound(FIVE_STEPS, max_nodes=3_000_000).value + 0.01
 
 
-def test_value_is_zero_outside_grid_and_after_last_step():
-    value = PairValueFunction.from_scenario(FIVE_STEPS, 300_000)
-    far = np.full((3, 2, 2), 99.0)
-    np.testing.assert_array_equal(value.after(2, far), 0.0)
-    np.testing.assert_array_equal(value.after(6, far), 0.0)
-
-
 # --- refusals
 
-FOUR_STEPS = small(PAIR, (2.0, 0.4), RADARS, 4)
-USERS = FOUR_STEPS.with_hazard(patrolled, radars=RADARS)
+FOUR_STEPS = pair(4)
+USERS = FOUR_STEPS.with_hazard(patrolled, radars=ON_THE_WAY)
 PAPER = load_scenario("paper-1")
 REFUSALS = [
     (pair_bound, PAPER, {}, PlanningError, "computed for two members; 'paper-1' has 5"),

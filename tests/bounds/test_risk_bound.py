@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_paths import geometry, random_paths, risks
 from scipy.ndimage import maximum_filter, minimum_filter
-from small_scenarios import (
-    TWO,
-    Point,
-    free,
-    grid_bounds,
-    single_agent_rate_by_hand,
-)
+from small_scenarios import TWO, Array, Point, free, grid_bounds, least_cost_on_grid
 
 from casswarm import Saturation, Scenario, plan
 from casswarm.bounds import certify
@@ -31,16 +25,6 @@ from casswarm.grid import (
     least_cost,
     node_count,
 )
-
-
-def geometry(seed: int) -> Scenario:
-    """A random scenario of one to four radars."""
-    rng = np.random.default_rng(seed)
-    radars = [(float(x), float(y)) for x, y in rng.uniform(-1, 6, (int(rng.integers(1, 5)), 2))]
-    radars = [radar for radar in radars if math.hypot(*radar) > 0.1] or [(2.0, 1.0)]
-    target = (float(rng.uniform(3, 5)), float(rng.uniform(-2, 5)))
-    return free(target, radars, int(rng.integers(10, 20)))
-
 
 # --- lemmas
 
@@ -134,36 +118,16 @@ def test_node_rates_converge_quadratically() -> None:
 
 
 def explicit_least(task: Relaxation, reach: int) -> float:
-    """The recursion, node by node: every path on the grid, with the costs of the docs."""
+    """The recursion over all nodes: every path on the grid, with the costs of the docs."""
     h = task.step / reach
-    size = task.steps * reach + 1
-    axis = np.arange(-size, size + 1)
+    axis = np.arange(-task.steps * reach - 1, task.steps * reach + 2)
     east, north = (start + h * axis for start in task.start)
-    rates = task.hazard.single_agent_rates_below(east, north, h)
-    cost = {
-        (i, j): task.dt * rates[a, b]
-        for (a, i), (b, j) in itertools.product(enumerate(axis), enumerate(axis))
-    }
-
-    def arrives(node: tuple[int, int]) -> bool:
-        near = [
-            max(abs(x + h * n - c) - h, 0.0)
-            for x, n, c in zip(task.start, node, task.center, strict=True)
-        ]
-        return math.hypot(*near) <= task.radius
-
-    to_go = {node: 0.0 if arrives(node) else math.inf for node in cost}
-    steps = list(itertools.product(range(-reach, reach + 1), repeat=2))
-    for step in range(task.steps):
-        total = {node: cost[node] + to_go[node] for node in cost}
-
-        def onwards(i: int, j: int, total: dict[tuple[int, int], float] = total) -> float:
-            return min(total.get((i + a, j + b), math.inf) for a, b in steps)
-
-        last = step == task.steps - 1
-        nodes = [(0, 0)] if last else list(cost)
-        to_go = {n: onwards(*n) if last else min(to_go[n], onwards(*n)) for n in nodes}
-    return to_go[0, 0]
+    cost = task.dt * task.hazard.single_agent_rates_below(east, north, h)
+    near = (
+        np.maximum(np.abs(x - c) - h, 0.0) for x, c in zip((east, north), task.center, strict=True)
+    )
+    arrived = np.hypot(*np.meshgrid(*near, indexing="ij")) <= task.radius
+    return least_cost_on_grid(cost, arrived, reach, task.steps)
 
 
 @pytest.mark.parametrize("reach", [1, 2])
@@ -206,37 +170,13 @@ def test_risk_bound_is_within_fine_grid_bounds(radar: Point, target: Point, step
     assert guide.risk == pytest.approx(upper, rel=2e-3)  # a path on cell centres is nearly as good
 
 
-def random_guides(scenario: Scenario, count: int, seed: int) -> list[float]:
-    """Risks of random paths that obey the speed limit and arrive, some of them nearly straight."""
-    rng = np.random.default_rng(seed)
-    task, steps = Relaxation.from_scenario(scenario), scenario.n_steps
-    limit = scenario.swarm.v_max * scenario.time.dt
-    risks = []
-    for _ in range(count):
-        T = int(rng.integers(1, steps + 1))
-        goal = task.center + task.radius * 0.999 * rng.uniform(-0.7, 0.7, 2)
-        if np.abs(goal - task.start).max() > T * limit:
-            continue
-        x, path = task.start, []
-        spread = limit * rng.choice([0.05, 0.3, 1.0, 3.0])
-        drift = rng.normal(0, spread, 2)
-        for t in range(T):
-            remaining = (T - t - 1) * limit
-            target = x + (goal - x) / (T - t) + drift * math.sin(math.pi * (t + 1) / T)
-            target = np.clip(
-                target + rng.normal(0, 0.1 * spread, 2), goal - remaining, goal + remaining
-            )
-            x = np.clip(target, x - limit, x + limit)
-            path.append(x)
-        inside = scenario.target.contains(np.array(path))
-        assert inside[-1]
-        path = path[: int(inside.argmax()) + 1]
-        assert np.abs(np.diff([task.start, *path], axis=0)).max() <= limit * (1 + 1e-12)
-        risks.append(
-            scenario.time.dt
-            * sum(single_agent_rate_by_hand(*point, scenario.hazard_table.radars) for point in path)
-        )
-    return risks
+def random_risks(scenario: Scenario, seed: int) -> Array:
+    """Risks of random paths within the speed limit that arrive, in few steps and in many."""
+    steps = range(scenario.n_steps, scenario.n_steps // 2, -2)
+    paths = [random_paths(scenario, 100, seed, T) for T in steps]
+    found = np.concatenate([risks(scenario, each) for each in paths])
+    assert len(found) > 50
+    return found
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -244,9 +184,8 @@ def random_guides(scenario: Scenario, count: int, seed: int) -> list[float]:
 def test_risk_bound_is_below_random_guides(seed: int) -> None:
     scenario = geometry(seed)
     guide = plan(scenario, gap=1e-3)
-    risks = random_guides(scenario, 300, seed)
-    assert len(risks) > 50
-    assert guide.risk_bound <= min(*risks, guide.risk, *(c.risk for c in guide.candidates))
+    found = random_risks(scenario, seed)
+    assert guide.risk_bound <= min(*found, guide.risk, *(c.risk for c in guide.candidates))
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 3.0))
@@ -315,7 +254,7 @@ def test_certify_strided_refinement_is_below_guides(seed: int, first: int) -> No
     task = Relaxation.from_scenario(fine)
     certificate = certify(task, guide.risk, gap=0.002, first_nodes=first, max_nodes=2_000_000)
     assert certificate.levels[0].stride > 1
-    assert certificate.bound <= min(*random_guides(fine, 100, seed), guide.risk)
+    assert certificate.bound <= min(*random_risks(fine, seed), guide.risk)
     assert certificate.gap < 0.03 or "nodes" in certificate.reason
     one = StageCosts(Grid.full(task, 1, 1))
     exact = least_cost(one, costs_to_go(one))

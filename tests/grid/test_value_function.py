@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_scenarios import DT, V_MAX, patrolled, small
+from small_scenarios import DT, V_MAX, image, patrolled, small
 
 from casswarm import PlanningError, Scenario, load_scenario, plan
 from casswarm.grid import CostToGoMap, StageCosts, ValueFunction, box_extremum, rounding
@@ -124,12 +124,6 @@ def test_bounds_custom_hazard_has_zero_lower_bound() -> None:
     assert high == pytest.approx(plan(scenario).risk, rel=0.05)
 
 
-def test_value_function_too_many_steps_reports_nodes() -> None:
-    scenario = SCENARIO.with_values({"time.t_f": 2000.0})
-    with pytest.raises(PlanningError, match=r"6060 steps needs [\d,]+ nodes"):
-        ValueFunction.from_scenario(scenario)
-
-
 def exact_interpolation(value: ValueFunction, step: int, position: np.ndarray) -> float:
     """Interpolated lower values of the next step, with the position in exact arithmetic."""
     grid = value.grid
@@ -147,14 +141,7 @@ def exact_interpolation(value: ValueFunction, step: int, position: np.ndarray) -
 
 
 def test_lower_bound_far_from_the_origin_covers_rounding_of_positions() -> None:
-    moved = SCENARIO.with_values(
-        {
-            "swarm.positions": (SCENARIO.positions + 1e8).tolist(),
-            "target.center": (np.array(SCENARIO.target.center) + 1e8).tolist(),
-            "hazard.radars": (SCENARIO.hazard.radar_positions + 1e8).tolist(),
-        }
-    )
-    value = ValueFunction.from_scenario(moved, 100_000)
+    value = ValueFunction.from_scenario(image(SCENARIO, np.eye(2), shift=(1e8, 1e8)), 100_000)
     positions = 1e8 + np.random.default_rng(4).uniform((0, 0), (3, 2), (60, 2))
     low, _ = value.bounds(0, positions)
     assert np.isfinite(low).all()
@@ -164,11 +151,21 @@ def test_lower_bound_far_from_the_origin_covers_rounding_of_positions() -> None:
     np.testing.assert_allclose(low, near, rtol=1e-4)
 
 
-def test_value_function_of_huge_target_reports_nodes() -> None:
-    values = {"target.center": (1e18, 0.0), "target.radius": 1e18 - 1e3, "hazard.core_radius": 0.01}
-    scenario = SCENARIO.with_values(values | {"swarm.v_max": 1e3, "guide.margin": 0.0})
-    with pytest.raises(PlanningError, match=r"nodes, more than .*smaller target\.radius"):
-        ValueFunction.from_scenario(scenario)
+HUGE = {"target.center": (1e18, 0.0), "target.radius": 1e18 - 1e3, "hazard.core_radius": 0.01}
+HUGE |= {"swarm.v_max": 1e3, "guide.margin": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("make", "values", "options", "words"),
+    [
+        (ValueFunction, {"time.t_f": 2000.0}, {}, r"6060 steps needs [\d,]+ nodes"),
+        (ValueFunction, HUGE, {}, r"nodes, more than .*smaller target\.radius"),
+        (CostToGoMap, {}, {"time_limit": 1e-9}, "raise the time limit"),
+    ],
+)
+def test_too_many_nodes_or_too_little_time_raise(make, values, options, words) -> None:
+    with pytest.raises(PlanningError, match=words):
+        make.from_scenario(SCENARIO.with_values(values), **options)
 
 
 def test_rounding_grows_with_resolution() -> None:
@@ -213,8 +210,3 @@ def test_map_of_scenario_covers_its_contents_and_matches_value_function() -> Non
     )
     np.testing.assert_array_equal(costs.survival, same.survival)
     np.testing.assert_array_equal(costs.velocities, same.velocities)
-
-
-def test_map_beyond_time_limit_fails() -> None:
-    with pytest.raises(PlanningError, match="raise the time limit"):
-        CostToGoMap.from_scenario(SCENARIO, time_limit=1e-9)

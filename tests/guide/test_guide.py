@@ -125,30 +125,24 @@ def test_best_per_homotopy_class_sorts_arriving_candidates() -> None:
 # --- homotopy signature
 
 
-@pytest.mark.parametrize(
-    ("radar", "side"),
-    [((0.5, 1.0), "L"), ((0.5, -1.0), "R"), ((5.0, 0.1), "L"), ((-5.0, -0.1), "R")],
-)
-def test_homotopy_signature_radar_left_of_path_is_l(radar: tuple[float, float], side: str) -> None:
-    assert homotopy_signature(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([radar])) == side
+STRAIGHT = [[0.0, 0.0], [4.0, 0.0]]
+SIGNATURES = [
+    *((STRAIGHT, [radar], "L") for radar in ((2.0, 4.0), (20.0, 0.4))),
+    *((STRAIGHT, [radar], "R") for radar in ((2.0, -4.0), (-20.0, -0.4))),
+    (STRAIGHT, [[3.0, 1.0], [1.0, -1.0], [2.0, 2.0]], "LRL"),  # in the order of radars
+    (STRAIGHT, np.empty((0, 2)), ""),
+    # beyond half a circle the winding counts
+    *((arc(0, last), [[0.0, 0.0]], "L") for last in (170, 270)),
+    *((arc(0, last), [[0.0, 0.0]], "R") for last in (-170, -300)),
+    # turning before a radar is not going around it
+    ([[0.0, 0.0], [1.0, 0.0], [1.5, 3.0]], [[2.0, 0.0]], "R"),
+    ([[0.0, 0.0], [1.0, -1.0], [3.0, -1.0], [3.0, 1.0], [1.5, 3.0]], [[2.0, 0.0]], "L"),
+]
 
 
-@pytest.mark.parametrize(("last", "side"), [(170, "L"), (270, "L"), (-170, "R"), (-300, "R")])
-def test_homotopy_signature_beyond_half_circle_follows_winding(last: float, side: str) -> None:
-    assert homotopy_signature(arc(0, last), np.zeros((1, 2))) == side
-
-
-def test_homotopy_signature_distinguishes_turning_from_going_around() -> None:
-    radar = np.array([[2.0, 0.0]])
-    before = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 3.0]])
-    around = np.array([[0.0, 0.0], [1.0, -1.0], [3.0, -1.0], [3.0, 1.0], [1.5, 3.0]])
-    assert (homotopy_signature(before, radar), homotopy_signature(around, radar)) == ("R", "L")
-
-
-def test_homotopy_signature_lists_radars_in_order() -> None:
-    path = np.array([[0.0, 0.0], [4.0, 0.0]])
-    assert homotopy_signature(path, np.array([[3.0, 1.0], [1.0, -1.0], [2.0, 2.0]])) == "LRL"
-    assert homotopy_signature(path, np.empty((0, 2))) == ""
+@pytest.mark.parametrize(("path", "radars", "sides"), SIGNATURES)
+def test_homotopy_signature_names_the_side_of_every_radar(path, radars, sides) -> None:
+    assert homotopy_signature(np.array(path), np.array(radars)) == sides
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -239,10 +233,10 @@ def through_the_target() -> Array:
     return np.concatenate([np.tile(velocity, (7, 1)), np.tile([1.5, 1.0], (3, 1))])
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_penalised_objective_matches_formula(seed: int) -> None:
-    velocities = random_velocities(8, seed) + np.array([1.0, 0.2])
-    assert penalised(velocities)[0] == pytest.approx(penalised_by_hand(velocities), rel=1e-12)
+def test_penalised_objective_matches_formula() -> None:
+    for seed in range(5):
+        velocities = random_velocities(8, seed) + np.array([1.0, 0.2])
+        assert penalised(velocities)[0] == pytest.approx(penalised_by_hand(velocities), rel=1e-12)
 
 
 def test_penalised_risk_ends_at_arrival() -> None:
@@ -267,11 +261,8 @@ def test_penalised_gradient_matches_finite_differences(velocities: Array) -> Non
             penalised_by_hand(velocities + change) - penalised_by_hand(velocities - change)
         ) / (2 * step)
     np.testing.assert_allclose(penalised(velocities)[1], differences, rtol=1e-6, atol=1e-7)
-
-
-def test_penalised_gradient_at_target_center_is_finite() -> None:
-    velocities = np.tile((TASK.center - TASK.start) / (0.33 * 6), (6, 1))
-    assert np.isfinite(penalised(velocities)[1]).all()
+    to_center = np.tile((TASK.center - TASK.start) / (0.33 * 6), (6, 1))
+    assert np.isfinite(penalised(to_center)[1]).all()
 
 
 def test_penalised_instance_has_only_box_constraints() -> None:

@@ -9,13 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 from backend_cases import GATE
+from failing_solver import Failing
 from small_scenarios import DT, V_MAX, patrolled, single_agent_rate_by_hand, small
 
 from casswarm import (
     Guide,
     PlanningError,
     Scenario,
-    SolverError,
     Status,
     load_scenario,
     plan,
@@ -23,7 +23,6 @@ from casswarm import (
 )
 from casswarm.guide import plan_from
 from casswarm.nlp import Instances, Nlp
-from casswarm.solvers import Answer, Ipopt, Solver
 
 MEMBER = [(0.0, 0.0)]
 
@@ -69,10 +68,6 @@ def test_plan_arrival_step_is_best_of_all() -> None:
     assert 8 < best.arrival < 40  # neither the first nor the last
     assert guide.arrival == best.arrival
     assert guide.risk == pytest.approx(best.risk, rel=1e-7)
-
-
-def test_plan_tries_neighbours_of_best_arrival_step() -> None:
-    guide = plan(patrol(40))
     tried = {c.arrival for c in guide.candidates}
     assert {guide.arrival - 1, guide.arrival + 1} <= tried
     assert len(tried) < 20
@@ -159,20 +154,16 @@ def test_plan_from_near_matches_full_search() -> None:
 # --- searches
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("target", "radars", "steps"),
     [
-        # the straight start has the best arrival step
-        pytest.param((8.1, 5.4), [(4.1, 8.1)], 25, marks=pytest.mark.slow),
-        pytest.param(
-            *((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5), (3.0, 4.0)], 20), marks=pytest.mark.slow
-        ),
-        pytest.param((4.0, 0.0), [(2.0, 0.1)], 12, marks=pytest.mark.slow),
+        ((8.1, 5.4), [(4.1, 8.1)], 25),  # the straight start has the best arrival step
+        ((6.0, 4.0), [(2.0, 2.0), (4.5, 1.5), (3.0, 4.0)], 20),
+        ((4.0, 0.0), [(2.0, 0.1)], 12),
     ],
 )
-def test_plan_wider_search_is_never_worse(
-    target: tuple[float, float], radars: list[tuple[float, float]], steps: int
-) -> None:
+def test_plan_wider_search_is_never_worse(target, radars, steps) -> None:
     def risk(search: str, arrival: str) -> float:
         values = {"guide__search": search, "guide__arrival": arrival}
         return plan(small(MEMBER, target, radars, steps, **values)).risk
@@ -186,15 +177,10 @@ def test_plan_wider_search_is_never_worse(
 
 def test_plan_search_argument_overrides_scenario() -> None:
     scenario = small(MEMBER, (4.0, 0.0), [(2.0, 0.1)], 12)
-    tasks: list[str] = []
-    guide = plan(scenario, search="local", progress=lambda task, done, total: tasks.append(task))  # noqa: ARG005
+    tasks: set[str] = set()
+    guide = plan(scenario, search="local", progress=lambda task, *_: tasks.add(task.split(" (")[0]))
     assert {c.start for c in guide.candidates} == {"straight"}
-    assert {t.split(" (")[0] for t in tasks} == {
-        "optimizing straight line",
-        "proving a lower bound",
-    }
-    with pytest.raises(SolverError, match="'local', 'global'"):
-        plan(scenario, search="everywhere")
+    assert tasks == {"optimizing straight line", "proving a lower bound"}
 
 
 def test_plan_candidates_cover_homotopy_classes() -> None:
@@ -208,26 +194,14 @@ def test_plan_candidates_cover_homotopy_classes() -> None:
     assert guide.risk == min(c.risk for c in guide.candidates)
 
 
-class Fickle(Solver):
-    """Ipopt that reports a failure for every other arrival step."""
-
-    name = "fickle"
-
-    def prepare(self, nlp: Nlp) -> None:
-        Ipopt().prepare(nlp)
-
-    def run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
-        answer = Ipopt().run(nlp, instances)[0]
-        moving = (nlp.variable("velocities", instances.ubx[0])[:, 0] > 0).sum()
-        if moving % 2 == 0:
-            return [answer]
-        nowhere = np.full_like(answer.x, np.nan)
-        return [Answer(nowhere, Status.DIVERGED, "no mood", 1, 1, 0.0)]
+def odd_arrivals(nlp: Nlp, instances: Instances) -> list[bool]:
+    moving = [(nlp.variable("velocities", ubx)[:, 0] > 0).sum() for ubx in instances.ubx]
+    return [bool(count % 2) for count in moving]
 
 
 def test_plan_keeps_failed_candidates_without_choosing_them() -> None:
     scenario = small(MEMBER, (4.0, 0.0), [(2.0, 0.1)], 13, guide__arrival="any")
-    guide = plan(scenario, Fickle(), certify=False)
+    guide = plan(scenario, Failing(odd_arrivals), certify=False)
     assert {c.solution.status for c in guide.candidates} == {Status.SOLVED, Status.DIVERGED}
     for candidate in guide.candidates:
         failed = candidate.arrival % 2 == 1
@@ -302,12 +276,6 @@ def test_plan_baseline_has_the_bound_of_its_guide_without_limits(certify: bool) 
     certificate = guide.certificate
     assert baseline.risk_bound == (None if certificate is None else certificate.bound)
     assert baseline.certificate is None or baseline.certificate.accelerated is None
-
-
-def test_plan_baseline_without_time_to_search_fails() -> None:
-    scenario = load_scenario("single-agent")
-    with pytest.raises(PlanningError, match="before its first solve"):
-        plan_baseline(scenario, plan(scenario, certify=False), time_limit=1e-6)
 
 
 def test_best_paths_are_those_of_the_homotopy_classes() -> None:

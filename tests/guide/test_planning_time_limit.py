@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-import re
 import time
 
 import pytest
 from commands import casswarm
 
-from casswarm import PlanningError, ValueFunction, load_scenario, plan
+from casswarm import (
+    PlanningError,
+    SolverError,
+    ValueFunction,
+    load_scenario,
+    plan,
+    plan_baseline,
+)
 from casswarm.guide import Multistart
 
 SCENARIO = load_scenario("paper-1").with_values({"guide.arrival": "any"})
@@ -24,13 +30,6 @@ def test_search_at_its_limit_returns_best_guide_with_note(monkeypatch) -> None:
     assert guide.risk_bound is None
     assert guide.note == "the time limit of 1000 s ended the search after 2 solves"
     assert guide.note in str(guide)
-
-
-def test_limit_before_first_solve_raises_error_with_limit() -> None:
-    words = re.escape("the time limit of 1e-09 s ended the search before its first solve")
-    with pytest.raises(PlanningError, match=words) as caught:
-        plan(SCENARIO, time_limit=1e-9)
-    assert caught.value.time_limit == 1e-9
 
 
 def test_guide_without_time_limit_has_no_note() -> None:
@@ -54,12 +53,6 @@ def test_command_with_many_steps_ends_at_its_time_limit(tmp_path) -> None:
     assert "the time limit of 3 s ended the search" in done.stderr
 
 
-def test_value_function_at_its_limit_raises_error_with_limit() -> None:
-    with pytest.raises(PlanningError, match="not complete after 1e-09 s") as caught:
-        ValueFunction.from_scenario(SCENARIO, time_limit=1e-9)
-    assert caught.value.time_limit == 1e-9
-
-
 @pytest.mark.slow
 def test_map_beyond_the_time_limit_costs_no_guide(tmp_path) -> None:
     options = ("--time-limit", 1000, "--map")
@@ -68,3 +61,30 @@ def test_map_beyond_the_time_limit_costs_no_guide(tmp_path) -> None:
         done.stderr
     )
     assert (tmp_path / "results" / "plan-single-agent" / "guide.png").exists()
+
+
+value_function = ValueFunction.from_scenario
+
+
+def baseline(scenario, **options):
+    return plan_baseline(scenario, plan(scenario, certify=False), **options)
+
+
+@pytest.mark.parametrize(
+    ("call", "options", "error", "words"),
+    [
+        (plan, {"time_limit": 1e-9}, PlanningError, "s ended the search before its first solve"),
+        (baseline, {"time_limit": 1e-9}, PlanningError, "before its first solve"),
+        (value_function, {"time_limit": 1e-9}, PlanningError, "not complete after 1e-09 s"),
+        (plan, {"gap": 0.0}, ValueError, "gap = .*allowed"),
+        (plan, {"gap": 1.0}, ValueError, "gap = .*allowed"),
+        (plan, {"time_limit": 0.0}, ValueError, "time_limit = .*allowed"),
+        (plan, {"search": "everywhere"}, SolverError, "'local', 'global'"),
+    ],
+)
+def test_planning_within_impossible_limits_raises(call, options, error, words):
+    with pytest.raises(error, match=words) as caught:
+        call(SCENARIO, **options)
+    if error is PlanningError:
+        assert caught.value.time_limit == 1e-9
+        assert "1e-09 s" in str(caught.value)

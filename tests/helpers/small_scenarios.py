@@ -51,6 +51,20 @@ def three_members(**values: object) -> Scenario:
     return small(positions, (3.0, 0.0), [(1.5, 0.8)], 12, **values)
 
 
+def colliding(scenario: Scenario) -> Scenario:
+    """The scenario with rates that grow where members are close."""
+    values = {"kind": "saturation+collision", "beta_1": 0.2, "beta_2": 6.0}
+    return scenario.with_values({f"hazard.{key}": value for key, value in values.items()})
+
+
+ON_THE_WAY = [(1.3, 0.7), (2.1, -0.9)]
+
+
+def pair(steps: int = 4, **values: object) -> Scenario:
+    """Two members close to one another, and two radars on their way; `values` as in `small`."""
+    return small([(0.0, 0.0), (0.2, 0.3)], (2.0, 0.4), ON_THE_WAY, steps, **values)
+
+
 BESIDE = [(1.0, 0.9), (2.2, -0.8)]
 """Radars on both sides of the way of `abreast`."""
 
@@ -116,6 +130,24 @@ def patrolled(
     return background + humps + 0 * positions[:, 0]
 
 
+def least_patrolled(
+    lower: Array, upper: Array, radars: Sequence[Point] = (), background: float = 0.1
+) -> Array:
+    total = np.full(lower.shape[:-1], background)
+    for radar in radars:
+        farthest = np.maximum(np.abs(lower - radar), np.abs(upper - radar))
+        total += 1 / (0.1 + (farthest**2).sum(axis=-1))
+    return total
+
+
+def bounded_patrol(positions: ca.MX, alive: ca.MX, **parameters: object) -> ca.MX:
+    """As `patrolled`, with a lower bound over boxes."""
+    return patrolled(positions, alive, **parameters)  # type: ignore[arg-type]
+
+
+bounded_patrol.lower_bound = least_patrolled  # type: ignore[attr-defined]
+
+
 def grid_bounds(
     radar: tuple[float, float], target: tuple[float, float], steps: int, cells: int
 ) -> tuple[float, float]:
@@ -135,12 +167,17 @@ def grid_bounds(
         cost = DT * ALPHA[0] / (1 + ALPHA[1]) / np.maximum(far, 1e-12)
         nearest = [np.maximum(np.abs(offset) - half, 0.0) for offset in (to_east, to_north)]
         arrived = np.hypot(*nearest) <= radius
-        to_go = np.where(arrived, 0.0, np.inf)
-        for _ in range(steps):
-            best = minimum_filter(cost + to_go, 2 * reach + 1, mode="constant", cval=np.inf)
-            to_go = np.where(arrived, 0.0, best)
-        bounds.append(float(to_go[steps * cells + 1, steps * cells + 1]))
+        bounds.append(least_cost_on_grid(cost, arrived, reach, steps))
     return bounds[0], bounds[1]
+
+
+def least_cost_on_grid(cost: Array, arrived: NDArray[np.bool_], reach: int, steps: int) -> float:
+    """Least cost from the middle of a square grid to where a path has arrived, step by step."""
+    to_go, middle = np.where(arrived, 0.0, np.inf), len(cost) // 2
+    for _ in range(steps):
+        best = minimum_filter(cost + to_go, 2 * reach + 1, mode="constant", cval=np.inf)
+        to_go = np.where(arrived, 0.0, best)
+    return float(best[middle, middle])
 
 
 MEMBER = [(0.0, 0.0)]

@@ -75,6 +75,10 @@ def test_plan_of_twelve_members_states_proven_success() -> None:
     plan = plan_swarm(scenario, initial_guesses=["formations"], certify=False)
     assert plan.likely is not None
     assert plan.success == plan.likely.success
+    assert plan.distribution is None
+    assert plan.success.low < plan.success.high < plan.value  # the mean field's is optimistic
+    assert "by the mean field" in str(plan)
+    assert (plan.arrivals > 0).all()
     exact = 1.0 - PlanDistribution.from_positions(scenario, plan.positions).failure
     assert plan.success.low <= exact <= plan.success.high < plan.success.low + 1e-4
     assert f"success {plan.success.low:.6f} to" in str(plan)

@@ -1,7 +1,8 @@
-"""The joint plan's compiled derivatives agree with CasADi's, for every form of the program."""
+"""The joint plan's derivatives, ours and compiled ones, agree with CasADi's in every form."""
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -10,8 +11,8 @@ from hypothesis import strategies as st
 import casswarm as csw
 from casswarm.compiled import parallel as kernel_threads
 from casswarm.joint.numeric import joint_program
-from casswarm.nlp import Instances, Nlp
-from casswarm.problems import JointForm, JointTask, joint_instances
+from casswarm.nlp import Instances, LagrangianHessian, Nlp
+from casswarm.problems import JointForm, JointTask, joint_instances, joint_nlp
 from casswarm.solvers.interior_point.derivatives import (
     Condensation,
     FunctionLinearisation,
@@ -39,6 +40,13 @@ def posed(name: str, n: int, objective: str, separated: bool, seed: int) -> tupl
     arrivals = [rng.integers(3, STEPS + 1, n), np.full(n, STEPS - 1)]
     guesses = [rng.uniform(-0.5, 1.5, (STEPS, n, 2)) for _ in arrivals]
     return nlp, joint_instances(nlp, form, task, arrivals, guesses)
+
+
+def compiled(nlp: Nlp, batch: Instances):  # type: ignore[no-untyped-def]
+    """The compiled derivatives."""
+    numeric = nlp.attached(NumericDerivatives)
+    assert numeric is not None
+    return numeric.problems(batch.p)
 
 
 def casadis(nlp: Nlp, batch: Instances) -> FunctionLinearisation:
@@ -85,8 +93,6 @@ def test_values_and_derivatives_equal_casadis(
 @settings(max_examples=10)
 def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
     nlp, batch = posed("paper-2", n, "success", False, seed)
-    numeric = nlp.attached(NumericDerivatives)
-    assert numeric is not None
     rows, rng = np.arange(len(batch)), np.random.default_rng(seed)
     multipliers, none = rng.normal(size=batch.lbg.shape), np.zeros_like(batch.lbg)
     weights = np.hstack([np.zeros_like(batch.x0), none])
@@ -96,9 +102,33 @@ def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
     for margin, positive in ((1e-3, True), (-1e-3, False)):
         of_x = -eigenvalues[:, :1] + margin * abs(eigenvalues).max(axis=1, keepdims=True)
         weights[:, : batch.x0.shape[1]] = of_x
-        ours = numeric.problems(batch.p).linearise(rows, batch.x0)
+        ours = compiled(nlp, batch).linearise(rows, batch.x0)
         shifts = ours.factors(multipliers, weights, np.zeros((len(batch), 1))).shifts
         assert (np.isfinite(shifts) == positive).all()
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2"])
+@pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
+@pytest.mark.parametrize("separated", [False, True])
+def test_hessian_matches_automatic_differentiation(
+    name: str, objective: str, separated: bool
+) -> None:
+    nlp, batch = posed(name, 3, objective, separated, 2)
+    weight, multipliers = ca.MX.sym("f"), ca.MX.sym("g", nlp.g.shape[0])
+    lagrangian = weight * nlp.objective + ca.dot(multipliers, nlp.g)
+    symbols = [nlp.x, nlp.p, weight, multipliers]
+    second = ca.Function("second", symbols, [ca.hessian(lagrangian, nlp.x)[0]])
+    arguments = (batch.x0[0], batch.p[0], 0.7, np.linspace(-1.0, 2.0, nlp.g.shape[0]))
+    expected = np.triu(np.array(second(*arguments)))
+    assert np.abs(expected).max() > 1e-3
+    found = np.array(nlp.attached(LagrangianHessian)(*arguments))
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11)
+
+
+def test_hessian_of_large_swarm_or_mean_field_is_none() -> None:
+    hazard = csw.load_scenario("paper-1").hazard
+    for form in (JointForm(7, 2), JointForm(3, 2, exact=False)):
+        assert joint_nlp(hazard, form).attached(LagrangianHessian) is None
 
 
 def close(ours: np.ndarray, theirs: np.ndarray) -> None:
@@ -107,9 +137,7 @@ def close(ours: np.ndarray, theirs: np.ndarray) -> None:
 
 def test_instances_are_independent() -> None:
     nlp, batch = posed("paper-2", 3, "success", True, 7)
-    numeric = nlp.attached(NumericDerivatives)
-    assert numeric is not None
-    problems = numeric.problems(batch.p)
+    problems = compiled(nlp, batch)
     together = problems.linearise(np.arange(2), batch.x0)
     for row in range(2):
         alone = problems.linearise(np.array([row]), batch.x0[row : row + 1])
@@ -118,18 +146,16 @@ def test_instances_are_independent() -> None:
 
 def test_threads_compute_as_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
     nlp, batch = posed("paper-2", 4, "success", True, 11)
-    numeric = nlp.attached(NumericDerivatives)
-    assert numeric is not None
     rows = np.arange(900) % 2
     x, multipliers = batch.x0[rows], np.ones((900, batch.lbg.shape[1]))
     weights = np.full((900, x.shape[1] + multipliers.shape[1]), 1e3)
     results = []
     for cores in (1, 3):
         monkeypatch.setattr(kernel_threads, "_cores", lambda cores=cores: cores)
-        at = numeric.problems(batch.p).linearise(rows, x)
+        at = compiled(nlp, batch).linearise(rows, x)
         factors = at.factors(multipliers, weights, np.zeros((900, 1)))
         assert np.isfinite(factors.shifts).all()
-        values = numeric.problems(batch.p).evaluate(rows, x)[0]
+        values = compiled(nlp, batch).evaluate(rows, x)[0]
         results.append((values, at.gradient, factors.solve(x.T)))
     for one, other in zip(*results, strict=True):
         np.testing.assert_array_equal(one, other)

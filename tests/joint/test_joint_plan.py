@@ -6,11 +6,12 @@ import itertools
 import math
 import pickle
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
 import pytest
-from small_scenarios import BESIDE, abreast, around, rate_by_hand, small
+from small_scenarios import BESIDE, abreast, rate_by_hand, small
 
 from casswarm import (
     SolverError,
@@ -215,10 +216,13 @@ def test_plan_swarm_paper_scenarios_succeed_for_all_seeds(name, least, seeds):
     assert abs(plans[0].value - plans[-1].value) < 1e-3
 
 
+@cache
+def in_formations(objective="success", **options):
+    return plan_swarm(abreast(2), objective, initial_guesses=["formations"], **options)
+
+
 def test_plan_swarm_min_distance_is_kept():
-    scenario = abreast(2)
-    close = plan_swarm(scenario, initial_guesses=["formations"])
-    separated = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.3)
+    close, separated = in_formations(), in_formations(min_distance=0.3)
     assert close.least_distance < 0.1
     assert separated.least_distance >= 0.3 - 1e-5
     assert separated.value < close.value
@@ -235,18 +239,12 @@ def test_plan_swarm_large_min_distance_arrives_one_by_one():
 
 
 def test_plan_swarm_arrivals_are_simultaneous():
-    scenario = abreast(2)
-    plans = {
-        o: plan_swarm(scenario, o, initial_guesses=["formations"])
-        for o in ("arrivals", "survivors")
-    }
-    arriving = plans["arrivals"]
+    success, arriving, surviving = map(in_formations, ("success", "arrivals", "survivors"))
     assert len(set(arriving.arrivals.tolist())) == 1
     assert arriving.value == pytest.approx(arriving.distribution.arrivals_mean, abs=1e-12)
-    assert plans["survivors"].value == pytest.approx(plans["survivors"].distribution.survivors_mean)
-    success = plan_swarm(scenario, initial_guesses=["formations"])
+    assert surviving.value == pytest.approx(surviving.distribution.survivors_mean)
     assert arriving.value >= success.distribution.arrivals_mean - 1e-6
-    assert plans["survivors"].value >= success.distribution.survivors_mean - 1e-6
+    assert surviving.value >= success.distribution.survivors_mean - 1e-6
 
 
 def test_plan_swarm_unreachable_target_is_not_prescribed():
@@ -274,17 +272,6 @@ def test_plan_swarm_custom_hazard_matches_evaluate():
     assert not best.bound.certified
     assert best.success.low > 0.1
     assert "CustomHazard does not provide" in str(best)
-
-
-@pytest.mark.slow
-def test_plan_swarm_large_swarm_uses_mean_field():
-    rng = np.random.default_rng(4)
-    scenario = small(around(rng, 12), (3.0, 0.2), BESIDE, 8)
-    best = plan_swarm(scenario)
-    assert best.distribution is None
-    assert best.success.low < best.success.high < best.value  # the mean field's is optimistic
-    assert "by the mean field" in str(best)
-    assert (best.arrivals > 0).all()
 
 
 # --- wrong input

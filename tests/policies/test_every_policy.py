@@ -53,12 +53,12 @@ def test_answer_to_a_state_is_the_same_in_every_batch(name):
     assert policy(name).name == name
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_policy_pickles(name):
-    state = states(name, 5, seed=3)
-    again = pickle.loads(pickle.dumps(policy(name)))
-    np.testing.assert_array_equal(again.velocities(2, *state), policy(name).velocities(2, *state))
-    assert again.name == name
+def test_model_pickles():
+    state = states("model", 5, seed=3)
+    again = pickle.loads(pickle.dumps(policy("model")))
+    np.testing.assert_array_equal(
+        again.velocities(2, *state), policy("model").velocities(2, *state)
+    )
 
 
 BY_IPOPT = [f"{name}, ipopt" for name in ("naive", "leader-mpc-2", *TURNED)]

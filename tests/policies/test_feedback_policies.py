@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
-import subprocess
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from small_scenarios import DT, Array, single_agent_rate_by_hand, small
 
-from casswarm import Scenario, evaluate, make_policy, plan
+from casswarm import evaluate, make_policy, plan
 from casswarm.grid import ValueFunction
 from casswarm.guide import plan_from
 from casswarm.motion import PlanarSets
@@ -26,18 +22,15 @@ POSITIONS = [(0.0, 0.0), (0.8, -0.9), (-0.7, 0.7), (-0.6, -0.8)]  # apart: off a
 NAMES = ("leader-feedback", "constrained-feedback")
 STOPS = 3 + math.ceil(2.0 / math.sqrt(0.5))  # steps of a manoeuvre
 
+SCENARIO = small(POSITIONS, (5.0, 0.5), RADARS, 16, guide__search="global")
+"""Four dispersed members, two radars between start and target."""
+
 Flags = NDArray[np.bool_]
 
 
 @cache
-def scenario(**values: object) -> Scenario:
-    """Four dispersed members, two radars between start and target."""
-    return small(POSITIONS, (5.0, 0.5), RADARS, 16, guide__search="global", **values)
-
-
-@cache
 def policy(name: str) -> FeedbackPolicy:
-    found = make_policy(name, scenario())
+    found = make_policy(name, SCENARIO)
     assert isinstance(found, FeedbackPolicy)
     return found
 
@@ -89,7 +82,7 @@ def test_best_step_without_time_to_arrive_heads_straight_to_target() -> None:
 
 def followed(positions: Array, previous_velocities: Array) -> Array:
     """Risks of isolated agents that follow the feedback guide; infinite without arrival."""
-    task, x, v = scenario(), positions, previous_velocities
+    task, x, v = SCENARIO, positions, previous_velocities
     risk, arrived = np.zeros(len(x)), np.zeros(len(x), bool)
     for step in range(task.n_steps):
         y = policy("leader-feedback").best_steps(step, x, v)[0]
@@ -108,14 +101,14 @@ def test_feedback_guide_with_time_left_arrives() -> None:
     assert np.isfinite(policy("leader-feedback").best_steps(0, x, v)[1]).all()
     risks = followed(x, v)
     assert np.isfinite(risks).all()
-    assert (ValueFunction.from_scenario(scenario()).bounds(0, x)[0] <= risks).all()
+    assert (ValueFunction.from_scenario(SCENARIO).bounds(0, x)[0] <= risks).all()
 
 
 def test_feedback_guide_risk_is_within_factor_of_best_guide() -> None:
     x = np.array([[0.0, 0.0], [0.4, -0.4], [0.0, 0.8], [-0.4, -0.2]])
     v = np.array([[0.0, 1.0], [1.0, 1.0], [-0.5, 0.5], [0.0, 0.0]])
     starts = zip(x, v, strict=True)
-    best = [plan_from(scenario(), position, initial_velocity=u).risk for position, u in starts]
+    best = [plan_from(SCENARIO, position, initial_velocity=u).risk for position, u in starts]
     ratios = followed(x, v) / best
     assert (ratios >= 1 - 1e-6).all()
     assert ratios.max() < 1.5
@@ -182,18 +175,8 @@ def test_corridor_members_stay_near_lead_agent_or_count_infeasible() -> None:
 
 @pytest.mark.parametrize("name", ["leader", "constrained"])
 def test_feedback_improves_success_of_dispersed_swarm(name: str) -> None:
-    guide = plan(scenario(), certify=False)
+    guide = plan(SCENARIO, certify=False)
     options = {"tolerance": 0.02, "aggregation_tol": 1e-6, "guide": guide}
-    fixed = evaluate(scenario(), name, **options)
-    feedback = evaluate(scenario(), f"{name}-feedback", **options)
+    fixed = evaluate(SCENARIO, name, **options)
+    feedback = evaluate(SCENARIO, f"{name}-feedback", **options)
     assert feedback.success[0] > fixed.success[1]
-
-
-@pytest.mark.slow
-def test_simulate_command_accepts_feedback_policies(tmp_path: Path) -> None:
-    words = "simulate single-agent --policy leader-feedback --policy constrained-feedback"
-    command = [Path(sys.executable).parent / "casswarm", *words.split(), "--runs", "20", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    rows = json.loads(done.stdout)["result"]["summary"]
-    assert [row["policy"] for row in rows] == list(NAMES)

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import pickle
-import sys
-import types
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from small_scenarios import small, three_members
+from scaled_scenarios import scaled
+from small_scenarios import image, small, three_members
 
 import casswarm as csw
 from casswarm.policies import Observation
 
 SMALL = three_members(swarm__velocity=[1.0, 0.2])
 OBSERVATION = Observation.from_scenario(SMALL)
-POSITION, OTHERS = OBSERVATION.slices["position"], OBSERVATION.slices["others"]
-
-
-def gather(observations: Any) -> Any:
-    """Towards the target, and towards the first neighbour."""
-    return -1.6 * observations[..., POSITION] + 2.0 * observations[..., OTHERS][..., 1:3]
+POSITION = OBSERVATION.slices["position"]
 
 
 class Linear:
@@ -56,7 +49,7 @@ def guide() -> csw.Guide:
 
 
 def test_model_equals_the_function_that_it_computes(guide: csw.Guide) -> None:
-    def by_hand(step: int, positions: Any, velocities: Any, alive: Any) -> Any:  # noqa: ARG001
+    def by_hand(_step: int, positions: Any, *_: Any) -> Any:
         return -1.6 * (positions - np.array(SMALL.target.center)) / OBSERVATION.length
 
     model = csw.as_policy(Linear(), SMALL, name="model", dtype="float64")
@@ -92,34 +85,6 @@ def test_model_can_be_sent_to_workers(guide: csw.Guide) -> None:
         for workers in (1, 2)
     )
     assert one.equals(two)
-
-
-def test_casadi_function_is_a_parametric_policy(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = types.ModuleType("casswarm.policies.parametric")
-    module.ParametricPolicy = lambda *given, **options: (given, options)  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "casswarm.policies.parametric", module)
-    x = ca.SX.sym("x", 2)
-    function: Any = ca.Function("f", [x], [x])
-    made: Any = csw.as_policy(function, SMALL, parameters=[1.0], name="mine")
-    assert made == ((function, [1.0], SMALL), {"name": "mine"})
-
-
-@pytest.mark.slow
-def test_casadi_function_is_evaluated_exactly(guide: csw.Guide) -> None:
-    pytest.importorskip("casswarm.policies.parametric")
-    step, gain, alive = ca.MX.sym("step"), ca.MX.sym("gain"), ca.MX.sym("alive", 3)
-    positions, velocities = ca.MX.sym("positions", 3, 2), ca.MX.sym("velocities", 3, 2)
-    to_target = ca.repmat(ca.DM(SMALL.target.center).T, 3, 1) - positions
-    state = [step, positions, velocities, alive, gain]
-    policy = csw.as_policy(ca.Function("f", state, [gain * to_target]), SMALL, parameters=[0.4])
-
-    def by_hand(step: int, positions: Any, velocities: Any, alive: Any) -> Any:  # noqa: ARG001
-        return 0.4 * (np.array(SMALL.target.center) - positions)
-
-    exact, expected = (
-        csw.evaluate(SMALL, p, tolerance=1e-2, guide=guide).success for p in (policy, by_hand)
-    )
-    np.testing.assert_allclose(exact, expected, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -180,23 +145,11 @@ def test_observation_is_invariant_to_units_and_origin(
     positions, velocities = rng.normal(size=(2, 6, 2, 2))
     alive = rng.random((6, 2)) < 0.8
 
-    def moved(points: Any) -> Any:
-        return scale * (np.array(points) + shift)
-
-    other = TWO.with_values(
-        {
-            "swarm.positions": moved(TWO.positions).tolist(),
-            "swarm.v_max": scale * TWO.swarm.v_max,
-            "swarm.a_max": scale**2 * TWO.swarm.a_max,
-            "target.center": moved(TWO.target.center).tolist(),
-            "target.radius": scale * TWO.target.radius,
-            "hazard.radars": moved([(1.0, 2.0)]).tolist(),
-        }
-    )
+    other = image(scaled(TWO, scale), np.eye(2), shift=(scale * shift, scale * shift))
     steps = rng.integers(0, 10, 6)
     given_ = Observation.from_scenario(TWO, "float64")(steps, positions, velocities, alive)
     found = Observation.from_scenario(other, "float64")(
-        steps, moved(positions), scale * velocities, alive
+        steps, scale * (positions + shift), scale * velocities, alive
     )
     np.testing.assert_allclose(found, given_, atol=1e-9)
 

@@ -16,16 +16,6 @@ from small_scenarios import patrolled
 from window_cases import GOAL, HAZARD, MOTION, RHO, both, window
 
 import casswarm as csw
-from casswarm import (
-    Guide,
-    Policy,
-    Scenario,
-    evaluate,
-    load_scenario,
-    make_policy,
-    make_solver,
-    plan,
-)
 from casswarm.errors import SolverError
 from casswarm.figures import mpc_chart
 from casswarm.formation import (
@@ -51,7 +41,7 @@ def test_mpc_with_custom_rates_is_solved_by_ipopt() -> None:
         }
     )
     guide = csw.plan(scenario, certify=False)
-    policy = make_policy("constrained", scenario, guide, horizon=2)
+    policy = csw.make_policy("constrained", scenario, guide, horizon=2)
     X = scenario.positions[None]
     decision = policy.decide(0, X, np.tile(guide.velocities[0], (1, 2, 1)), np.ones((1, 2), bool))
     assert not decision.failures.any()
@@ -61,7 +51,7 @@ def test_mpc_with_custom_rates_is_solved_by_ipopt() -> None:
 def test_unsuitable_solver_raises_solver_error() -> None:
     problem = both(window(2, 3, 2, seed=19))[0]
     with pytest.raises(SolverError, match=r"spectral cannot take mpc-formation\["):
-        make_solver("spectral").solve_batch(problem.nlp, problem.instances)
+        csw.make_solver("spectral").solve_batch(problem.nlp, problem.instances)
     step = window(2, 3, 1, seed=19)
     data = Step(HAZARD, MOTION, step.positions, step.previous_velocities, step.alive, GOAL[None])
     formation = corridor_formation(data, RHO)
@@ -83,27 +73,20 @@ def test_horizon_avoids_most_infeasible_corridor_steps() -> None:
 
 def test_leader_with_horizon_keeps_leader_selection() -> None:
     scenario = csw.load_scenario("paper-1")
-    policy = make_policy("leader", scenario, leader_selection="first", horizon=2)
+    policy = csw.make_policy("leader", scenario, leader_selection="first", horizon=2)
     assert isinstance(policy, LeaderPolicy)
     assert policy.leader_selection == "first"
 
 
 @pytest.mark.slow
-def test_commands_accept_several_horizons(tmp_path: Path) -> None:
-    names = ["leader", "leader-mpc-2", "constrained-mpc-3"]
+def test_commands_accept_horizons_and_feedback(tmp_path: Path) -> None:
+    feedback = ["leader-feedback", "constrained-feedback"]
+    names = ["leader", "leader-mpc-2", "constrained-mpc-3", *feedback]
     policies = [word for name in names for word in ("--policy", name)]
     output = casswarm(tmp_path, "simulate", "paper-1", *policies, "--runs", 20, "--quiet").stdout
     assert all(f"\n{name} " in output for name in names)
-    output = casswarm(
-        tmp_path,
-        "evaluate",
-        "paper-1",
-        *policies[2:],
-        "--tolerance",
-        0.2,
-        "--aggregation-tol",
-        1e-6,
-    ).stdout
+    options = (*policies[2:6], "--tolerance", 0.2, "--aggregation-tol", 1e-6)
+    output = casswarm(tmp_path, "evaluate", "paper-1", *options).stdout
     assert "leader-mpc-2 " in output
     assert "constrained-mpc-3 " in output
     words = ("simulate", "paper-1", "--policy", "leader-mpc-x", "--runs", 5)
@@ -132,18 +115,18 @@ def test_mpc_chart_shows_success_and_infeasible_per_scenario() -> None:
 
 
 @cache
-def planned(name: str) -> tuple[Scenario, Guide]:
-    scenario = load_scenario(name)
-    return scenario, plan(scenario, certify=False)
+def planned(name: str) -> tuple[csw.Scenario, csw.Guide]:
+    scenario = csw.load_scenario(name)
+    return scenario, csw.plan(scenario, certify=False)
 
 
-def policy(name: str, starts: int | str) -> Policy:
+def policy(name: str, starts: int | str) -> csw.Policy:
     """`leader` by the spectral method from so many starts, or by a named solver."""
     scenario, guide = planned(name)
     if isinstance(starts, str):
-        return make_policy("leader", scenario, guide, solver=starts)
+        return csw.make_policy("leader", scenario, guide, solver=starts)
     options = {"n_starts": starts}
-    return make_policy("leader", scenario, guide, solver="spectral", solver_options=options)
+    return csw.make_policy("leader", scenario, guide, solver="spectral", solver_options=options)
 
 
 @cache
@@ -163,7 +146,7 @@ def visited(name: str, runs: int = 40) -> list[tuple[int, np.ndarray, np.ndarray
     return [state for state in states if len(state[1])]
 
 
-def velocities(policy: Policy, states) -> np.ndarray:
+def velocities(policy: csw.Policy, states) -> np.ndarray:
     return np.concatenate([policy.decide_batch(*state).velocities for state in states])
 
 
@@ -185,7 +168,7 @@ def test_success_of_leader_protection_is_the_same_for_solvers_and_starts(starts)
     tolerance = 0.1 if starts == "ipopt" else 1e-2  # which takes milliseconds a state
     options = {"tolerance": tolerance, "aggregation_tol": 1e-4, "guide": guide}
     expected, found = (
-        evaluate(scenario, policy("gauntlet", which), **options).success
+        csw.evaluate(scenario, policy("gauntlet", which), **options).success
         for which in ("auto", starts)
     )
     assert abs(found.low - expected.low) < 1e-3
@@ -213,7 +196,7 @@ def test_leader_gives_up_little_of_its_own_rate():
 
 
 def test_followers_have_no_weight_without_collisions():
-    scenario = load_scenario("paper-1")
+    scenario = csw.load_scenario("paper-1")
     X = scenario.positions[None]
     goals = np.ones((1, 2))
     step = Step(

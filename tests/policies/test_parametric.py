@@ -47,10 +47,12 @@ def test_casadi_function_is_a_policy():
     step, p = ca.MX.sym("step"), ca.MX.sym("p", len(START))
     x, v, alive = ca.MX.sym("x", 3, 2), ca.MX.sym("v", 3, 2), ca.MX.sym("alive", 3)
     function = ca.Function("steering", [step, x, v, alive, p], [steering(0, x, v, alive, p)])
+    expected = steered(scene(3)).velocities(0, *states(9))
     policy = csw.ParametricPolicy(function, START, scene(3))
-    np.testing.assert_allclose(
-        policy.velocities(0, *states(9)), steered(scene(3)).velocities(0, *states(9)), atol=1e-13
-    )
+    named = csw.as_policy(function, scene(3), parameters=START, name="mine")
+    assert (type(named), named.name) == (csw.ParametricPolicy, "mine")
+    for each in (policy, named):
+        np.testing.assert_allclose(each.velocities(0, *states(9)), expected, atol=1e-13)
 
 
 class Unhashable:

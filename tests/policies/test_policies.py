@@ -6,19 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import casswarm
+from failing_solver import Failing
 from policy_cases import MEMBERS, guide, policy, scenario, states
 from small_scenarios import DT, Array
 
-from casswarm import (
-    Decision,
-    Status,
-    make_policy,
-    simulate,
-)
+from casswarm import Decision, Status, evaluate, make_policy, simulate
 from casswarm.guide import initial_velocities
 from casswarm.nlp import Instances, Nlp
 from casswarm.policies import member_guides
-from casswarm.solvers import Answer, Ipopt, Solver
+from casswarm.solvers import Ipopt
 
 
 def decided(name: str, state: tuple[Array, ...], step: int = 2, **options: Any) -> Decision:
@@ -123,28 +120,39 @@ def test_constrained_members_stay_in_corridor_if_feasible() -> None:
     assert 0 < decision.infeasible.sum() < alive.sum() / 2
 
 
+# --- optimal
+
+
+def test_pair_off_plan_succeeds_more_often_than_straight_lines():
+    """From a disturbed start, members return to the plan."""
+    moved = scenario("optimal").with_values({"swarm.positions": [[0.1, -0.3], [-0.2, 0.1]]})
+    found = evaluate(moved, policy("optimal"), 0.0, guide=guide("optimal")).success
+    naive = evaluate(moved, "naive", 0.0).success
+    assert found.low > naive.high
+
+
+@pytest.mark.slow
+def test_optimal_is_at_least_as_good_as_every_other_policy():
+    laws = {
+        name: evaluate(scenario("optimal"), name, 1e-6, guide=guide("optimal")).success
+        for name in ("naive", "leader", "leader-feedback", "joint", "joint-replanning")
+    }
+    best = evaluate(scenario("optimal"), policy("optimal"), 0.0, guide=guide("optimal")).success
+    assert best.low >= max(law.low for law in laws.values()) - 1e-9
+    assert best.width < 1e-9
+
+
+def test_command_line_refuses_five_members(tmp_path):
+    done = casswarm(tmp_path, "evaluate", "gauntlet", "--policy", "optimal", code=2)
+    assert "two members" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 # --- solver failures
 
 
-class Broken(Solver):
-    """Fails in every second state: with NaN, with an infeasible point, or by its status."""
-
-    name = "broken"
-
-    def __init__(self, x: float, status: Status) -> None:
-        self.x, self.status = x, status
-
-    def prepare(self, nlp: Nlp) -> None:
-        pass
-
-    def run(self, nlp: Nlp, instances: Instances) -> list[Answer]:
-        start = instances.x0
-        return [
-            Answer(np.full_like(start[i], self.x), self.status, "broken", 0, 0, 0.0)
-            if i % 2
-            else answer
-            for i, answer in enumerate(Ipopt().timed_answers(nlp, instances)[1])
-        ]
+def every_second(_nlp: Nlp, instances: Instances) -> list[bool]:
+    return [i % 2 == 1 for i in range(len(instances))]
 
 
 @pytest.mark.parametrize(
@@ -158,7 +166,7 @@ def test_solver_failure_is_counted_and_fallback_is_feasible(
     positions, previous_velocities, _ = states("leader", 6, seed=7)
     alive = np.ones((6, 4), bool)
     state = (np.where(positions == 0, guide().positions[2], positions), previous_velocities, alive)
-    decision = decided(name, state, solver=Broken(x, status))
+    decision = decided(name, state, solver=Failing(every_second, x, status))
     assert decision.failures.tolist() == [0, 1] * 3
     assert np.abs(decision.velocities).max() <= 2.0
     assert (
@@ -188,9 +196,8 @@ def test_naive_guides_are_planned_by_the_method_of_the_guide() -> None:
 
 
 def test_solver_failures_appear_in_tables() -> None:
-    study = simulate(
-        scenario(), ["constrained"], runs=20, guide=guide(), solver=Broken(np.nan, Status.FAILED)
-    )
+    broken = Failing(every_second, np.nan, Status.FAILED)
+    study = simulate(scenario(), ["constrained"], runs=20, guide=guide(), solver=broken)
     assert study.summary["solver_failures"][0] == study.runs["solver_failures"].sum() > 0
 
 

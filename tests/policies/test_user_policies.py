@@ -13,24 +13,20 @@ import pytest
 from small_scenarios import DT, Array, small
 
 import casswarm as csw
-from casswarm import Decision, Guide, Policy, Scenario, plan, simulate
+from casswarm import Decision, Guide, Policy, plan, simulate
 from casswarm.policies import as_policy, repeated
 
 CENTER = np.array([3.0, 0.0])
-
-
-@cache
-def scenario() -> Scenario:
-    return small([(0.0, 0.0), (0.3, 0.2)], (3.0, 0.0), [(1.5, 1.0)], 12, guide__search="local")
+SCENARIO = small([(0.0, 0.0), (0.3, 0.2)], (3.0, 0.0), [(1.5, 1.0)], 12, guide__search="local")
 
 
 @cache
 def guide() -> Guide:
-    return plan(scenario())
+    return plan(SCENARIO)
 
 
 def study_of(*policies: Any) -> pd.DataFrame:
-    return simulate(scenario(), policies, runs=200, seed=3, guide=guide()).runs
+    return simulate(SCENARIO, policies, runs=200, seed=3, guide=guide()).runs
 
 
 # --- the same policy in three forms
@@ -142,7 +138,7 @@ def rounded(_step: int, positions: Array, *_: Any) -> Array:
 @cache
 def noise() -> Policy:
     rng = np.random.default_rng(0)
-    return as_policy(lambda o: rng.normal(size=(*o.shape[:2], 2)), scenario(), name="noise")
+    return as_policy(lambda o: rng.normal(size=(*o.shape[:2], 2)), SCENARIO, name="noise")
 
 
 @pytest.mark.parametrize("policy", [drawn, drawn_by_place, remembering, noise])
@@ -150,25 +146,25 @@ def test_policy_that_answers_a_state_differently_is_refused(policy: Any) -> None
     name, policy = policy.__name__, noise() if policy is noise else policy
     for function in (csw.evaluate, csw.estimate):
         with pytest.raises(csw.PolicyCallError, match="simulate accepts this one") as caught:
-            function(scenario(), policy, guide=guide())
+            function(SCENARIO, policy, guide=guide())
         assert f"policy '{name}' answers the same state differently at step" in str(caught.value)
         assert caught.value.policy == name
 
 
 def test_random_policy_is_simulated() -> None:
-    study = csw.simulate(scenario(), [drawn, noise()], runs=20, guide=guide())
+    study = csw.simulate(SCENARIO, [drawn, noise()], runs=20, guide=guide())
     assert len(study.runs) == 40
 
 
 @pytest.mark.parametrize("policy", [drawn_by_state, rounded])
 def test_policy_that_depends_on_the_state_alone_is_evaluated(policy: object) -> None:
-    distribution = csw.evaluate(scenario(), policy, tolerance=0.1, guide=guide())
+    distribution = csw.evaluate(SCENARIO, policy, tolerance=0.1, guide=guide())
     assert distribution.residual_mass <= 0.1
     assert distribution.policy == policy.__name__  # type: ignore[attr-defined]
 
 
 def test_own_policies_are_asked_once() -> None:
-    own = csw.make_policy("naive", scenario(), guide())
+    own = csw.make_policy("naive", SCENARIO, guide())
     assert repeated(own) is own
     assert repeated(csw.as_policy(drawn)) != csw.as_policy(drawn)
     limited = csw.as_policy(drawn, time_limit=1.0)
