@@ -17,6 +17,7 @@ from casswarm.scenario import Scenario, save_scenario
 from casswarm.scenario.scenario_files import MAX_BYTES, MAX_KEY_PARTS
 from casswarm.scenario.validation import fields, subtable
 
+HERE = Path(__file__).parent
 UNRELATED = ("", "zzzzzz", "a\0b", "no/such/file.toml")
 SOURCES: list[tuple[str | Path, str]] = [
     ("paper1", "no scenario 'paper1': it is neither a built-in scenario nor a file"),
@@ -24,7 +25,7 @@ SOURCES: list[tuple[str | Path, str]] = [
     *(("paper1", name) for name in BUILTIN),
     *((name, "crossfire") for name in UNRELATED),
     (Path("paper-1"), "no scenario 'paper-1'"),  # a path is no name
-    (Path("/"), "/ is a folder; name a TOML file in it"),
+    (HERE, f"{HERE} is a folder; name a TOML file in it"),
     ("x" * 400, "x" * 400),
 ]
 
