@@ -128,6 +128,20 @@ def test_file_names_are_unique_and_valid() -> None:
 # --- what is not of the study
 
 
+def test_checkpoint_keeps_records_with_lost_inputs(tmp_path: Path) -> None:
+    with Checkpoint(tmp_path, {"runs": 1}) as store:
+        store.save("one", {"x": np.zeros(1)})
+    (tmp_path / "checkpoint" / "inputs.json").write_text("{")
+    for choice in ("error", "resume"):
+        with (
+            pytest.raises(CheckpointError, match="--overwrite"),
+            Checkpoint(tmp_path, {"runs": 1}, choice),
+        ):
+            pass
+    with Checkpoint(tmp_path, {"runs": 1}, if_exists="overwrite") as store:
+        assert store.names() == []
+
+
 @pytest.mark.parametrize("arrays", [b"", b"no archive", b"PK\x05\x06" + bytes(18)])
 def test_checkpoint_load_of_forged_record_is_none(tmp_path: Path, arrays: bytes) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
@@ -153,9 +167,12 @@ def test_checkpoint_ignores_record_of_other_inputs_or_of_another_name(tmp_path: 
         assert store.load("two") is None
 
 
-@pytest.mark.parametrize("name", ["thesis.npz", "notes.txt", "finished", "folder"])
+@pytest.mark.parametrize("choice", ["error", "resume", "overwrite"])
+@pytest.mark.parametrize("name", ["thesis.npz", "thesis.tex", "notes.txt", "finished", "folder"])
 @pytest.mark.parametrize("link", [False, True])
-def test_checkpoint_deletes_no_foreign_file(tmp_path: Path, name: str, link: bool) -> None:
+def test_checkpoint_deletes_no_foreign_file(
+    tmp_path: Path, name: str, link: bool, choice: IfExists
+) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
     path, elsewhere = tmp_path / "checkpoint" / name, tmp_path / "elsewhere"
@@ -168,7 +185,7 @@ def test_checkpoint_deletes_no_foreign_file(tmp_path: Path, name: str, link: boo
         path.symlink_to(elsewhere)
     with (
         pytest.raises(CheckpointError, match=f"files of other origin, such as {name}"),
-        Checkpoint(tmp_path, INPUTS, if_exists="overwrite"),
+        Checkpoint(tmp_path, INPUTS, choice),
     ):
         pass
     assert path.exists()
