@@ -8,8 +8,6 @@ import pytest
 from commands import SMALL_SIMULATION, casswarm
 from glossary import unexplained
 
-from casswarm.cli.output import WIDTH
-
 POLICIES = ("--policy", "constrained-feedback", "--policy", "leader-feedback")
 GRID = ("--set", "formation.rho=0.05,0.1", "--set", "hazard.alpha_1=0.5,1")
 QUICK = ("--family", "quick", "--count", 1, "--time-limit", 60)
@@ -44,7 +42,7 @@ def undrawn(request, finished):
 def test_printed_lines_fit_in_80_columns(undrawn):
     lines = undrawn[1].stdout.splitlines()
     assert lines
-    assert [line for line in lines if len(line) > WIDTH == 80] == []
+    assert [line for line in lines if len(line) > 80] == []
 
 
 @pytest.mark.parametrize("arguments", [("solvers",), ("scenarios", "list")])

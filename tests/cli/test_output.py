@@ -41,7 +41,7 @@ def test_usual_tables_of_a_study_are_not_divided():
     paired = paired_texts(pd.DataFrame([pair | {"p_value": 2.4e-78, "variance_ratio": 0.67}]))
     for table in (summary, paired):
         rows = [tuple(table.columns), *table.itertuples(index=False, name=None)]
-        assert max(map(len, aligned(rows).splitlines())) <= WIDTH
+        assert max(map(len, aligned(rows).splitlines())) <= WIDTH == 80
         assert "\n\n" not in aligned(rows)
 
 

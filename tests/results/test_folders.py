@@ -57,9 +57,10 @@ DAMAGED = [
     ("results.npz", archive_without_objects(), "saves no trajectories"),
     *(
         ("summary.csv", content, r"summary\.csv cannot be read")
-        for content in (b"", b"\n", b"\xff\xfe\x00", b'# a text,\nof "two lines')
+        for content in (b"", b"\n", b"\xff\xfe\x00")
     ),
-    ("summary.csv", b"policy,success\n", ""),
+    ("summary.csv", b'# a text,\nof "two lines', "lack 'policy': one of them is damaged"),
+    ("summary.csv", b"policy,success\n", "damaged"),
 ]
 
 

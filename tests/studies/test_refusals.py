@@ -14,12 +14,11 @@ from small_scenarios import three_members
 from sweep_cases import GRID, SMALL
 
 import casswarm as csw
-from casswarm import estimate, evaluate, plan, simulate, success_gradient, sweep
+from casswarm import estimate, evaluate, plan, runs_needed, simulate, success_gradient, sweep
 from casswarm import formation_problems as problems
 from casswarm.comparison import compare
 from casswarm.reproduction import reproduce
 from casswarm.scenario.variations import with_parameters
-from casswarm.studies.simulation import runs_needed
 
 PAPER = csw.load_scenario("paper-1")
 QUICK = three_members(guide__search="local", guide__a_max=0.3)

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from small_scenarios import DT, Array, three_members
 
 import casswarm.studies.simulation
-from casswarm import Guide, Scenario, Study, plan, simulate
+from casswarm import Guide, Scenario, Study, plan, runs_needed, simulate
 from casswarm.chain import required_runs, wilson
-from casswarm.studies.simulation import runs_needed
 from casswarm.studies.tables import summarise
 
 Flags = NDArray[np.bool_]
