@@ -89,31 +89,26 @@ class States:
     weights: FloatArray  # (S,)
 
     @classmethod
-    def initial(cls, scenario: Scenario, initial_velocities: FloatArray, copies: int = 1) -> States:
-        """The initial state, with probability 1, or several copies of it."""
-        positions, velocities = (
-            np.tile(array, (copies, 1, 1)) for array in (scenario.positions, initial_velocities)
-        )
-        return cls(positions, velocities, np.ones((copies, scenario.n), bool), np.ones(copies))
+    def initial(cls, scenario: Scenario, initial_velocities: FloatArray) -> States:
+        """The initial state, with probability 1."""
+        positions, velocities = np.array([scenario.positions, initial_velocities])[:, None]
+        return cls(positions, velocities, np.ones((1, scenario.n), bool), np.ones(1))
 
     @classmethod
     def concatenate(cls, batches: list[States]) -> States:
         """All states of one or more batches."""
         if len(batches) == 1:
             return batches[0]
-        names = ("positions", "previous_velocities", "alive", "weights")
-        return cls(*(np.concatenate([getattr(b, name) for b in batches]) for name in names))
+        return cls(*map(np.concatenate, zip(*(batch._arrays() for batch in batches), strict=True)))
+
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        return self.positions, self.previous_velocities, self.alive, self.weights
 
     def __len__(self) -> int:
         return len(self.weights)
 
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> States:
-        return States(
-            self.positions[rows],
-            self.previous_velocities[rows],
-            self.alive[rows],
-            self.weights[rows],
-        )
+        return States(*(array[rows] for array in self._arrays()))
 
     @property
     def mass(self) -> float:

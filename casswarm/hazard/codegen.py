@@ -28,20 +28,10 @@ _KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3}
 
 
 def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) -> str:
-    """Python source of a function that returns the values of expressions.
+    """Python source of a function that returns the values of scalar expressions.
 
-    Parameters
-    ----------
-    name : str
-        Name of the function.
-    inputs : dict of name to SX
-        Symbols of its arguments, in order; a column is an argument that is indexed.
-    outputs : sequence of scalar SX
-
-    Raises
-    ------
-    HazardError
-        An operation has no counterpart here (the message names it).
+    `inputs` are the symbols of its arguments by name, in order; a column is an argument that is
+    indexed. HazardError names an operation that has no counterpart here.
     """
     function = ca.Function(name, list(inputs.values()), [ca.SX(y) for y in outputs])
     scalar = [symbol.is_scalar() for symbol in inputs.values()]
@@ -114,7 +104,7 @@ def lowered_derivatives(hazard: KernelHazard) -> tuple[Callable[..., tuple[Float
 
 @locked_cache(maxsize=64)
 def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]]:
-    """Python source of the kernels with their derivatives, and the parameters that it reads.
+    """Python source of the kernels with their derivatives, and two or more parameters it may read.
 
     ``density(x0, parameters)`` returns value and derivative, ``second_density`` the second
     derivative too, and so on; where there are several arguments, the upper triangle by rows.
@@ -123,7 +113,9 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
     share compiled code.
     """
     names = [f.name for f in fields(hazard) if isinstance(getattr(hazard, f.name), (int, float))]
-    parameters = ca.SX.sym("parameters", max(2, len(names)))  # never a scalar: it is indexed
+    values = [float(getattr(hazard, name)) for name in names]
+    values += [0.0] * (2 - len(values))  # never a scalar: they are indexed
+    parameters = ca.SX.sym("parameters", len(values))
     symbolic = copy(hazard)
     for index, name in enumerate(names):
         object.__setattr__(symbolic, name, parameters[index])
@@ -132,8 +124,8 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
     except HazardError:
         raise
     except Exception:  # a kernel that branches on its numbers
-        return _kernel_sources(hazard, parameters), ()
-    return source, tuple(float(getattr(hazard, name)) for name in names)
+        return _kernel_sources(hazard, parameters), (0.0, 0.0)
+    return source, tuple(values)
 
 
 def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:

@@ -10,13 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..compiled.kernels import generated_module, specialised
 from ..errors import HazardError
 from ..typing import BoolArray, FloatArray
 from .base import Hazard
-from .codegen import differentiated_kernels
+from .codegen import differentiated_kernels, lower_source
 from .kernel_hazard import KernelHazard
 
 _LANES = 64  # states of a block: they fit in the first cache
@@ -24,20 +25,11 @@ _LANES = 64  # states of a block: they fit in the first cache
 
 @dataclass(frozen=True, eq=False)
 class CompiledRates:
-    """Rates of n members as a compiled function.
-
-    Parameters
-    ----------
-    n : int
-    source : str
-        Text of the compiled function, which all hazards of a class share.
-    constants : (s,)
-        The number of radars, their positions and strengths, and parameters of the hazard.
-    """
+    """Rates of n members as a compiled function."""
 
     n: int
-    source: str
-    constants: FloatArray
+    source: str  # text of the function, which all hazards of a class share
+    constants: FloatArray  # (s,), number of radars, positions and strengths, parameters
 
     def __call__(self, positions: FloatArray, alive: BoolArray, rates: FloatArray) -> bool:
         """Write the rates (B, n) of states (B, n, 2), (B, n), 0 for the destroyed.
@@ -75,16 +67,9 @@ def rate_module(
         text, parameters = differentiated_kernels(hazard)
     except HazardError:
         return None
-    unpacked = ", ".join(f"constants[first + {i}]" for i in range(len(parameters)))
-    text += f"""
-
-COLLIDES = {hazard.collides}
-
-
-def unpacked(constants):
-    first = 1 + 3 * int(constants[0])
-    return ({unpacked}{"," if parameters else ""})
-"""
+    symbols = ca.SX.sym("constants", len(parameters))
+    unpacked = lower_source("unpacked", {"constants": symbols}, ca.vertsplit(symbols))
+    text += f"\n\nCOLLIDES = {hazard.collides}\nFIRST_RADAR = {len(parameters)}\n\n\n{unpacked}"
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
-    constants = np.concatenate([[len(radars)], radars.ravel(), parameters])
+    constants = np.concatenate([parameters, radars.ravel()])
     return specialised(text, *kernels, reordering=reordering), constants

@@ -2,8 +2,7 @@
 
 The functions at the beginning stand for the kernels of a hazard. `compiled_rates.rate_module` makes
 them from its expressions, and compiles what calls them with these in their place, so that they are
-inlined. The constants of a hazard are the number of its radars, their positions and strengths, and
-its parameters.
+inlined. The constants of a hazard are its parameters, and the position and strength of every radar.
 """
 
 from __future__ import annotations
@@ -11,12 +10,11 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from ..compiled.kernels import kernel
+from ..compiled.kernels import kernel, stand_in
 from ..typing import BoolArray, FloatArray
 
 Parameters: TypeAlias = tuple[float, ...]
 Two: TypeAlias = tuple[float, float]
-Three: TypeAlias = tuple[float, float, float]
 
 LANES = 32
 """Positions of the swarm in a block, for which an operation is done before the next one."""
@@ -24,63 +22,24 @@ LANES = 32
 COLLIDES = True
 """Stands for whether members collide."""
 
-
-@kernel
-def unpacked(constants: FloatArray) -> Parameters:
-    """Parameters of the hazard, from its constants."""
-    raise NotImplementedError
+FIRST_RADAR = 2
+"""Stands for the place of the first radar in the constants, after the parameters."""
 
 
-@kernel
-def source(squared: float, parameters: Parameters) -> Two:
-    """Kernel of a radar, and its derivative in the squared distance."""
-    raise NotImplementedError
+unpacked = stand_in
+"""Parameters of the hazard, from its constants."""
 
+source = density = collision = stand_in
+"""Kernels of a radar, of another member and of collisions, each followed by its derivative.
 
-@kernel
-def density(squared: float, parameters: Parameters) -> Two:
-    """Kernel of another member, and its derivative."""
-    raise NotImplementedError
+Functions of the squared distance and the parameters.
+"""
 
+combine = stand_in
+"""Rate from its three sums and the parameters, and its gradient in the sums."""
 
-@kernel
-def collision(squared: float, parameters: Parameters) -> Two:
-    """Kernel of collisions, and its derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def combine(
-    risk: float, densities: float, collisions: float, parameters: Parameters
-) -> tuple[float, float, float, float]:
-    """Rate from its three sums, and its gradient in these."""
-    raise NotImplementedError
-
-
-@kernel
-def second_source(squared: float, parameters: Parameters) -> Three:
-    """Kernel of a radar, its derivative and its second derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def second_density(squared: float, parameters: Parameters) -> Three:
-    """Kernel of another member, its derivative and its second derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def second_collision(squared: float, parameters: Parameters) -> Three:
-    """Kernel of collisions, its derivative and its second derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def second_combine(
-    risk: float, densities: float, collisions: float, parameters: Parameters
-) -> tuple[float, ...]:
-    """Rate, its gradient, and the upper triangle of its Hessian by rows."""
-    raise NotImplementedError
+second_source = second_density = second_collision = second_combine = stand_in
+"""The same with second derivatives; those of the rate are the upper triangle by rows."""
 
 
 @kernel
@@ -96,7 +55,7 @@ def member_rate(
     Those are half the gradient of the sum over radars, and the derivatives in the two other `sums`.
     """
     risk, risk_east, risk_north = 0.0, 0.0, 0.0
-    for r in range(1, 1 + 3 * int(constants[0]), 3):
+    for r in range(FIRST_RADAR, constants.size, 3):
         de, dn = position[0] - constants[r], position[1] - constants[r + 1]
         value, slope = source(de * de + dn * dn, parameters)
         risk += constants[r + 2] * value
@@ -145,7 +104,7 @@ def write_block(
                     value = collision(de * de + dn * dn, parameters)[0]
                     collisions_i[k] += living_j[k] * value
                     collisions_j[k] += living[k] * value
-        for r in range(1, 1 + 3 * int(constants[0]), 3):
+        for r in range(FIRST_RADAR, constants.size, 3):
             radar_east, radar_north, strength = constants[r], constants[r + 1], constants[r + 2]
             for k in range(lanes):
                 de, dn = east[k] - radar_east, north[k] - radar_north

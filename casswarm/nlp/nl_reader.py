@@ -6,6 +6,7 @@ truncated: it waits for ever, or leaves out bounds and linear terms.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,7 +92,7 @@ class Lines:
         return ProblemError(message, file=self.path, line=self.number or None)
 
 
-_LINES = 10  # of a header
+_LINES, _COUNTS = 10, 6  # of a header, and how many of the numbers in a line are read
 
 
 @dataclass(frozen=True)
@@ -110,43 +111,36 @@ def read_header(lines: Lines) -> Header:
     if not lines.following().startswith("g"):
         raise lines.refusal("is no .nl file: its first line does not begin with g")
     rows = [_counts(lines) for _ in range(_LINES - 1)]
-    variables, constraints, objectives = _first(rows[0], 3)
+    variables, constraints, objectives = rows[0][:3]
     _refuse_unsupported(lines, rows)
     if max(variables, constraints) > len(lines):
         raise lines.refusal(
             f"has {len(lines)} lines, too few for {variables} variables and {constraints} "
             "constraints: is it truncated?"
         )
-    return Header(variables, constraints, objectives, *_first(rows[6], 2))
+    return Header(variables, constraints, objectives, *rows[6][:2])
 
 
 def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
     """Raise for parts of the format that cannot be read; `rows` are the lines after the first."""
-    discrete = sum(rows[5])
-    if discrete:
-        integers = counted(discrete, "integer variable")
-        raise lines.refusal(f"has {integers}; only continuous ones are supported")
-    if _first(rows[0], 3)[2] > 1:
-        raise lines.refusal(f"has {rows[0][2]} objectives; only one is supported")
-    if any(rows[0][5:6]):
-        raise lines.refusal(f"has {rows[0][5]} logical constraints, which are not supported")
-    if any(rows[1][2:4]):
-        raise lines.refusal(
-            f"has {sum(rows[1][2:4])} complementarity conditions, which are not supported"
-        )
-    if any(rows[4][1:2]):
-        functions = counted(rows[4][1], "function")
-        raise lines.refusal(f"imports {functions} of a library, which is not supported")
+    objectives, logical, conditions = rows[0][2], rows[0][5], sum(rows[1][2:4])
+    discrete, functions = counted(sum(rows[5]), "integer variable"), counted(rows[4][1], "function")
+    refusals = (
+        (sum(rows[5]), f"has {discrete}; only continuous ones are supported"),
+        (objectives > 1, f"has {objectives} objectives; only one is supported"),
+        (logical, f"has {logical} logical constraints, which are not supported"),
+        (conditions, f"has {conditions} complementarity conditions, which are not supported"),
+        (rows[4][1], f"imports {functions} of a library, which is not supported"),
+    )
+    for refused, reason in refusals:
+        if refused:
+            raise lines.refusal(reason)
 
 
 def _counts(lines: Lines) -> list[int]:
-    words = lines.following().split()
-    return [lines.integer(word, 10**9) for word in words]
-
-
-def _first(row: list[int], count: int) -> list[int]:
-    """The first entries; those that are missing are zero."""
-    return (row + [0] * count)[:count]
+    """Numbers of the next line; those that are missing are zero."""
+    numbers = [lines.integer(word, 10**9) for word in lines.following().split()]
+    return numbers + [0] * _COUNTS
 
 
 _UNSUPPORTED = {
@@ -159,6 +153,8 @@ _UNSUPPORTED = {
     **dict.fromkeys((59, 60, 61, 62, 63, 66, 67, 68, 69, 72, 73, 74, 75), "a logical constraint"),
 }
 """Operators that no smooth problem has, or that CasADi has no counterpart of."""
+
+_UNSUPPORTED_SEGMENTS = {"F": "imports a function of a library", "L": "has a logical constraint"}
 
 _SOS = ("sosno", "ref", "sos", "sosref")
 """Suffixes that declare special ordered sets, which are conditions; others are hints."""
@@ -201,7 +197,7 @@ class _Reader:
         self.x_bounds: list[tuple[float, float]] = []
         self.g_bounds: list[tuple[float, float]] = []
         self.linear: dict[tuple[str, int], Expr] = {}
-        segments = {
+        segments: dict[str, Callable[[str], None]] = {
             "J": self._linear_terms,
             "G": self._linear_terms,
             "C": self._constraint,
@@ -211,16 +207,14 @@ class _Reader:
             "x": self._guess,
             "r": lambda _: self._bounds(self.g_bounds, constraints),
             "b": lambda _: self._bounds(self.x_bounds, variables),
-            "d": self._skip_pairs,
-            "k": self._skip_columns,
-            "K": self._skip_columns,
+            "d": lambda line: self._skip(line[1:], 2),
+            "k": lambda line: self._skip(line[1:], 1),
+            "K": lambda line: self._skip(line[1:], 1),
         }
         while not lines.ended:
             line = lines.following()
-            if line[:1] == "F":
-                raise lines.refusal("imports a function of a library, which is not supported")
-            if line[:1] == "L":
-                raise lines.refusal("has a logical constraint, which is not supported")
+            if line[:1] in _UNSUPPORTED_SEGMENTS:
+                raise lines.refusal(f"{_UNSUPPORTED_SEGMENTS[line[0]]}, which is not supported")
             if line[:1] not in segments:
                 raise lines.refusal(f"has {line[:20]!r} where a segment should begin")
             segments[line[0]](line)
@@ -299,16 +293,11 @@ class _Reader:
             raise self.lines.refusal(f"has {line!r} where a suffix with its name is expected")
         if words[2] in _SOS:
             raise self.lines.refusal(f"has special ordered sets (suffix {words[2]}); not supported")
-        for _ in range(self.lines.integer(words[1], len(self.lines))):
-            self.lines.numbers(2)
+        self._skip(words[1], 2)
 
-    def _skip_pairs(self, line: str) -> None:
-        for _ in range(self.lines.integer(line[1:], len(self.lines))):
-            self.lines.numbers(2)
-
-    def _skip_columns(self, line: str) -> None:
-        for _ in range(self.lines.integer(line[1:], len(self.lines))):
-            self.lines.numbers(1)
+    def _skip(self, count: str, numbers: int) -> None:
+        for _ in range(self.lines.integer(count, len(self.lines))):
+            self.lines.numbers(numbers)
 
     # --- parts of segments
 
