@@ -124,6 +124,8 @@ REFUSED: dict[type[Exception], list[tuple[Any, str]]] = {
         (lambda: success_gradient(PAIR, "leader"), "takes a ParametricPolicy, not str: make one"),
         (lambda: success_gradient(scene(3), STEERED), "other members or limits"),
         (lambda: success_gradient(PAIR, STEERED, [1.0, 2.0]), "has 15 parameters, not 2"),
+    ],
+    csw.PolicyCallError: [
         (
             lambda: gradient(PAIR, csw.ParametricPolicy(rooted, [1.2], PAIR)),
             "derivative at step 4 that is not finite",
