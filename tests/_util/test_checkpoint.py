@@ -168,11 +168,20 @@ def test_checkpoint_ignores_record_of_other_inputs_or_of_another_name(tmp_path: 
 
 
 @pytest.mark.parametrize("choice", ["error", "resume", "overwrite"])
-@pytest.mark.parametrize("name", ["thesis.npz", "thesis.tex", "notes.txt", "finished", "folder"])
+def test_checkpoint_keeps_foreign_files(tmp_path: Path, choice: IfExists) -> None:
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "checkpoint" / "thesis.tex").write_text("years of work")
+    with (
+        pytest.raises(CheckpointError, match=r"thesis\.tex"),
+        Checkpoint(tmp_path, INPUTS, choice),
+    ):
+        pass
+    assert (tmp_path / "checkpoint" / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("name", ["thesis.npz", "notes.txt", "finished", "folder"])
 @pytest.mark.parametrize("link", [False, True])
-def test_checkpoint_deletes_no_foreign_file(
-    tmp_path: Path, name: str, link: bool, choice: IfExists
-) -> None:
+def test_checkpoint_deletes_no_foreign_file(tmp_path: Path, name: str, link: bool) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
         store.save("one", CELL)
     path, elsewhere = tmp_path / "checkpoint" / name, tmp_path / "elsewhere"
@@ -185,7 +194,7 @@ def test_checkpoint_deletes_no_foreign_file(
         path.symlink_to(elsewhere)
     with (
         pytest.raises(CheckpointError, match=f"files of other origin, such as {name}"),
-        Checkpoint(tmp_path, INPUTS, choice),
+        Checkpoint(tmp_path, INPUTS, if_exists="overwrite"),
     ):
         pass
     assert path.exists()
