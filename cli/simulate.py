@@ -11,7 +11,7 @@ import click
 import casswarm as csw
 
 from .._util.text import counted
-from .common import WrongInput, executor, load, named_policies, work
+from .common import Work, WrongInput, executor, load, named_policies, work
 from .options import (
     COUNT,
     CommonOptions,
@@ -46,6 +46,10 @@ class SimulateOptions:
     )
     report: bool = option("Also write a self-contained report.html.")
 
+    def __post_init__(self) -> None:
+        if self.runs is not None and self.half_width is not None:
+            raise WrongInput("--runs and --half-width: give one of them")
+
 
 @click.command()
 @options
@@ -74,8 +78,6 @@ def simulate(
       casswarm simulate paper-1 --half-width 0.005 --workers 2
       casswarm simulate my-scenario.toml --set formation.rho=0.1 --policy my_module:my_policy
     """
-    if sampling.runs is not None and sampling.half_width is not None:
-        raise WrongInput("--runs and --half-width: give one of them")
     if policies.solver == "projected-gradient":
         refuse(
             "projected-gradient starts from the straight line and arrives at the last step",
@@ -93,25 +95,7 @@ def simulate(
         job.prepare_figures()
         guide = csw.plan(chosen, guide_solver(policies.solver), progress=job.progress)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
-        runs = sampling.runs or 1000
-        if sampling.half_width is not None:
-            runs = csw.runs_needed(
-                chosen, chosen_policies, sampling.half_width, sampling.seed, **shared
-            )
-            job.say(f"pilot study: {counted(runs, 'run')} per policy needed")
-        with executor(execution) as workers:
-            study = csw.simulate(
-                chosen,
-                chosen_policies,
-                runs,
-                sampling.seed,
-                workers,
-                save_trajectories=sampling.save_trajectories,
-                progress=job.progress,
-                checkpoint=folder.path,
-                if_exists=execution.if_exists,
-                **shared,
-            )
+        study = _study(job, chosen, chosen_policies, sampling, execution, shared)
         inputs = {
             "policies": list(study.summary["policy"]),
             "runs": int(study.summary["runs"].iloc[0]),
@@ -123,9 +107,7 @@ def simulate(
         }
         _write_tables(folder, study)
         bound = job.attempt("the success bound", partial(csw.success_bound, chosen))
-        folder.write_objects(
-            guide=study.guide, trajectories=study.trajectories, success_bound=bound
-        )
+        folder.write_objects(guide=guide, trajectories=study.trajectories, success_bound=bound)
         proven = {"success_bound": None if bound is None else bound.as_dict()}
         folder.write_record(study.as_dict() | proven, inputs)
         job.draw()
@@ -133,6 +115,34 @@ def simulate(
             job.say("writing the report")
             job.report()
         job.finish(_text(study) if bound is None else f"{_text(study)}\n\n{bound}")
+
+
+def _study(
+    job: Work,
+    scenario: csw.Scenario,
+    policies: list[Any],
+    sampling: SimulateOptions,
+    execution: StudyOptions,
+    shared: dict[str, Any],
+) -> csw.Study:
+    """Simulate as many runs as the options say, or a pilot study."""
+    runs = sampling.runs or 1000
+    if sampling.half_width is not None:
+        runs = csw.runs_needed(scenario, policies, sampling.half_width, sampling.seed, **shared)
+        job.say(f"pilot study: {counted(runs, 'run')} per policy needed")
+    with executor(execution) as workers:
+        return csw.simulate(
+            scenario,
+            policies,
+            runs,
+            sampling.seed,
+            workers,
+            save_trajectories=sampling.save_trajectories,
+            progress=job.progress,
+            checkpoint=job.folder.path,
+            if_exists=execution.if_exists,
+            **shared,
+        )
 
 
 def _write_tables(folder: ResultsFolder, study: csw.Study) -> None:

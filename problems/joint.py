@@ -329,19 +329,9 @@ def terminal_costs(
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Costs of runs by the step at which they end and the set d that is alive then.
 
-    Parameters
-    ----------
-    objective : {"success", "arrivals", "survivors"}
-    n : int
-    inside : (N, n) bool
-        Whether each member is in the target at steps 1..N.
-
-    Returns
-    -------
-    costs, ended : (N, 2^n)
-        Costs of runs that end at a step by an arrival, and whether they do; 0 where they do not.
-    last : (2^n,)
-        Costs of runs that end after step N without an arrival.
+    `inside` (N, n) tells whether each member is in the target at steps 1..N. Costs (N, 2^n) are of
+    runs that end at a step by an arrival, 0 where they do not; then whether they do (N, 2^n); and
+    costs (2^n,) of runs that end after step N without an arrival.
     """
     members = subsets(n).members
     arriving = inside.astype(float) @ members.T

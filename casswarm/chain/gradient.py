@@ -9,6 +9,7 @@ state does not depend on how it was reached.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
@@ -77,10 +78,7 @@ def success_and_gradient(
         target are absorbed. Rounding to a lattice is differentiated as if it were none.
     """
     scenario, gradient = expansion.scenario, np.zeros_like(policy.parameters)
-
-    def absorption(move: Transition) -> tuple[FloatArray, FloatArray]:
-        return _absorption(scenario, move, arrival_smoothing)
-
+    absorption = partial(_absorption, scenario, arrival_smoothing)
     layers, residual = expansion.layers(lambda move: absorption(move)[0])
     after = Values(*np.zeros((2, 0)), *np.zeros((2, 0, scenario.n, 2)))
     for step, layer in reversed(list(enumerate(layers))):
@@ -91,7 +89,7 @@ def success_and_gradient(
 
 
 def _absorption(
-    scenario: Scenario, move: Transition, smoothing: float
+    scenario: Scenario, smoothing: float, move: Transition
 ) -> tuple[FloatArray, FloatArray]:
     """Probabilities (S, n) that members are absorbed, and their derivatives (S, n, 2)."""
     if smoothing == 0.0:

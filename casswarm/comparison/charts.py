@@ -105,9 +105,8 @@ def band_chart(
         As in `profile_chart`.
     bands : DataFrame, DataFrame
         Lower and upper ends, of the same shape.
-    xlabel, title : str
-    order : sequence of str
-        All solvers, so that each has the same colour in all figures.
+    xlabel, title, order
+        As in `profile_chart`.
     """
     theme = current_theme()
     columns = min(2 if theme.narrow else 3, len(profile.columns))
@@ -256,9 +255,8 @@ def gap_chart(
     iterates : DataFrame
         Columns solver, iteration, seconds, gap and feasible: see
         `casswarm.comparison.Convergence`.
-    title : str
-    order : sequence of str
-        All solvers, so that each has the same style in all figures.
+    title, order
+        As in `profile_chart`.
     missing : sequence of str
         Solvers that took part and report no iterates.
     """
@@ -270,13 +268,11 @@ def gap_chart(
     for panel, column, unit in zip(axes, ("iteration", "seconds"), (1.0, 1e3), strict=True):
         for name, part in iterates.groupby("solver", sort=False):
             _path(panel, unit * part[column], part, names.index(str(name)))
-        panel.set_yscale("log")
+        panel.set(yscale="log", ylabel="relative gap of the objective")
         despine(panel)
-        panel.set_ylabel("relative gap of the objective")
     axes[0].set_xscale("symlog", linthresh=1.0, linscale=0.5)
-    axes[1].set_xscale("log")
     axes[0].set(xlabel="iteration", xlim=(0.0, None))
-    axes[1].set(xlabel="time in ms")
+    axes[1].set(xlabel="time in ms", xscale="log")
     for panel in axes:
         panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes[1].xaxis.set_major_locator(LogLocator(numticks=7))
@@ -305,14 +301,9 @@ def _add_legend(fig: Figure, drawn: Sequence[str], names: Sequence[str]) -> Lege
     for label, face in (("feasible", GREY), ("infeasible", "white")):
         style = marker("o", 3.6, face, GREY, 0.7)
         handles.append(Line2D([], [], label=label, **style))
+    style = {"fontsize": "small", "title_fontsize": "small"}
     columns = 2 if current_theme().narrow else 5
-    return fig.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=columns,
-        fontsize="small",
-        title_fontsize="small",
-    )
+    return fig.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
 
 
 @themed
@@ -323,9 +314,8 @@ def ranking_chart(ranking: pd.DataFrame, title: str = "", order: Sequence[str] =
     ----------
     ranking : DataFrame
         Of one family and start, from `casswarm.comparison.ranking`, the best first.
-    title : str
-    order : sequence of str
-        All solvers, so that each has the same colour in all figures.
+    title, order
+        As in `profile_chart`.
     """
     names = list(order) or list(ranking["solver"])
     fig, axes = single_panel(current_theme().aspect_of(6 + 1.7 * len(ranking)), title)

@@ -103,13 +103,17 @@ def make_problems(
         )
     seed, record = require_seed(seed), FAMILIES[family]
     count = record.count if count is None else count
-    if count < 1:
-        raise ComparisonError(
-            f"count = {count}; allowed: whole numbers from 1", key="count", value=count
-        )
+    require_count(count)
     made: list[Problem] = []
     for problem in record.generate(count, seed):
         if progress is not None:
             progress("making problems", len(made), None)
         made.append(problem)
     return made
+
+
+def require_count(count: int) -> None:
+    """Raise ComparisonError for a number of problems below one."""
+    if count < 1:
+        message = f"count = {count}; allowed: whole numbers from 1"
+        raise ComparisonError(message, key="count", value=count)

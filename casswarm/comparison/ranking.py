@@ -28,7 +28,7 @@ from ..errors import ComparisonError
 from ..typing import FloatArray
 from .families import FAMILIES
 from .profiles import LEVEL, cluster_means, rank_probabilities, ranks, resampled_means
-from .verification import SHIFT, costs
+from .verification import SHIFT, costs, groups
 
 if TYPE_CHECKING:
     from .result import Comparison
@@ -167,7 +167,7 @@ def _by_criterion(table: pd.DataFrame, time_limit: float, most: int | None = Non
     """Ranks by the first `most` criteria, by default all."""
     parts = [
         ranked.assign(family=family, start=start, criterion=criterion)
-        for family, start in _groups(table)
+        for family, start in groups(table)
         for criterion, ranked in islice(_variants(table, family, start, time_limit), most)
     ]
     ranked = pd.concat(parts, ignore_index=True)
@@ -199,14 +199,6 @@ def _variants(
     if table["copy"].any():
         originals = costs(table[table["copy"] == 0], family, start, "solve_seconds")
         yield "without copies", rank(originals, time_limit)
-
-
-def _groups(table: pd.DataFrame) -> Iterator[tuple[str, str]]:
-    """Families and starts to which some solver applies."""
-    applicable = table[table["applicable"]]
-    pairs = applicable[["family", "start"]].drop_duplicates()
-    for family, start in pairs.itertuples(index=False, name=None):
-        yield str(family), str(start)
 
 
 def _milliseconds(log_seconds: FloatArray) -> FloatArray:
@@ -299,10 +291,17 @@ class Agreement:
 
 def agreement(first: Comparison, second: Comparison) -> Agreement:
     """Agreement of two comparisons on the solvers that both have."""
-    common = set.intersection(*(_ranked(one.runs) for one in (first, second)))
-    if not common:
+    keys = ["family", "start", "solver"]
+    ranked = [
+        one.runs.loc[one.runs["applicable"], keys].drop_duplicates() for one in (first, second)
+    ]
+    common = ranked[0].merge(ranked[1])
+    if common.empty:
         raise ComparisonError("the comparisons have no solver on a family and start in common")
-    tables = [_rankings(one, common) for one in (first, second)]
+    tables = [
+        rankings_by_criterion(one.runs.merge(common), float(one.inputs["time_limit"]))
+        for one in (first, second)
+    ]
     both = tables[0].merge(tables[1], on=_KEYS, suffixes=("", "_other"))
     low, high = both["rank_low"].notna(), both["rank_low_other"].notna()
     known = both[low & high]
@@ -318,32 +317,13 @@ def agreement(first: Comparison, second: Comparison) -> Agreement:
         )
     rankings, of_known = (len(table[_KEYS[:3]].drop_duplicates()) for table in (both, known))
     a, b = first.inputs, second.inputs
-    return Agreement(known, _different(a, b), rankings - of_known, a["problems"] == b["problems"])
-
-
-def _ranked(runs: pd.DataFrame) -> set[tuple[str, str, str]]:
-    """Families, starts and solvers of a ranking."""
-    applicable = runs.loc[runs["applicable"], ["family", "start", "solver"]]
-    return set(applicable.itertuples(index=False, name=None))
-
-
-def _rankings(comparison: Comparison, common: set[tuple[str, str, str]]) -> pd.DataFrame:
-    """Ranks by all criteria among the solvers that both comparisons have."""
-    runs = comparison.runs
-    keys = runs[["family", "start", "solver"]].itertuples(index=False, name=None)
-    shared = runs[[key in common for key in keys]]
-    return rankings_by_criterion(shared, float(comparison.inputs["time_limit"]))
+    different = {
+        key: pair for key, pair in differences(a, b).items() if not key.startswith(_LEFT_OUT)
+    }
+    return Agreement(known, different, rankings - of_known, a["problems"] == b["problems"])
 
 
 def _within(table: pd.DataFrame, value: str, low: str, high: str) -> pd.Series:
     """Mask of the rows in which each comparison's value is in the interval of the other."""
     there = table[f"{value}_other"].between(table[low], table[high])
     return there & table[value].between(table[f"{low}_other"], table[f"{high}_other"])
-
-
-def _different(
-    first: dict[str, object], second: dict[str, object]
-) -> dict[str, tuple[object, object]]:
-    """Inputs that differ, other than the problems and what depends on them."""
-    different = differences(first, second)
-    return {key: pair for key, pair in different.items() if not key.startswith(_LEFT_OUT)}

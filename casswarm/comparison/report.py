@@ -37,6 +37,7 @@ from .verification import (
     by_solver,
     costs,
     failures,
+    groups,
     not_applicable,
 )
 
@@ -99,7 +100,7 @@ def make_report(comparison: Comparison) -> Report:
         "max_solves": MAX_SOLVES,
         "resamples": RESAMPLES,
         "fewest": FEWEST,
-        "answers": [_answer(*group, tables) for group in groups(comparison)],
+        "answers": [_answer(*group, tables) for group in groups(comparison.runs)],
         "problem_count": len(comparison.problems),
         "run_count": len(runs),
         "false_positives": int(comparison.summary["false_positives"].sum()),
@@ -118,7 +119,7 @@ def make_report(comparison: Comparison) -> Report:
         "not_applicable": not_applicable(runs).to_dict("records"),
         "groups": [
             _group(*group, tables) | {"typical": typical_problem(comparison, *group)}
-            for group in groups(comparison)
+            for group in groups(comparison.runs)
         ],
         "failures": _failures(tables["failures"], list(inputs["solvers"])),
         "by_problem": _by_problem(tables["problems"]),
@@ -327,7 +328,7 @@ def figures(comparison: Comparison) -> dict[str, Drawing]:
     """The report's figures by name."""
     drawings = {
         name: drawing
-        for family, start in groups(comparison)
+        for family, start in groups(comparison.runs)
         for name, drawing in _group_figures(comparison, family, start)
     }
     return {"overview": overview(comparison), **drawings}
@@ -341,7 +342,7 @@ def overview(comparison: Comparison) -> Drawing:
             performance_profile(costs(comparison.runs, family, start, "solve_seconds")),
             _FACTOR,
         )
-        for family, start in groups(comparison)
+        for family, start in groups(comparison.runs)
     )
     return _profiles(panels, "Performance profiles of solve time", _order(comparison))
 
@@ -349,12 +350,6 @@ def overview(comparison: Comparison) -> Drawing:
 def _order(comparison: Comparison) -> tuple[str, ...]:
     """All solvers, by whose order each has the same style in all figures."""
     return tuple(comparison.inputs["solvers"])
-
-
-def groups(comparison: Comparison) -> Iterator[tuple[str, str]]:
-    """Families and starts, in order."""
-    pairs = comparison.summary[["family", "start"]].drop_duplicates()
-    yield from pairs.itertuples(index=False, name=None)
 
 
 def tag(family: str, start: str) -> str:

@@ -41,7 +41,7 @@ NOT_REPORTED = "reports no iterates"
 NOT_RECORDED = "not recorded: a solve takes more than half of the time limit"
 
 COLUMNS = ("family", "problem", "start", "solver", "iteration", "seconds", "objective", "violation")
-"""Columns of the table of all iterates: see `iterate_rows`."""
+"""Columns of the table of all iterates: see `iterate_columns`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -206,7 +206,28 @@ class Comparison(Displayed):
         ComparisonError
             No such problem, or no such start.
         """
-        return _convergence(self, problem, start)
+        runs, iterates = self.runs, self.iterates
+        if problem is None:
+            problem = str((iterates if len(iterates) else runs)["problem"].iloc[0])
+        _require_known("problem", problem, runs)
+        part = runs[(runs["problem"] == problem) & runs["applicable"] & (runs["copy"] == 0)]
+        start = part["start"].iloc[0] if start is None else start
+        _require_known("start", start, part)
+        part = part[part["start"] == start].set_index("solver")
+        best = float(part["best_objective"].iloc[0])
+        unit = float(gap_unit(part["best_objective"], part["objective_scale"]).iloc[0])
+        mine = iterates[(iterates["problem"] == problem) & (iterates["start"] == start)]
+        table = mine.drop(columns=["family", "problem", "start"]).assign(
+            feasible=mine["violation"] <= self.tolerances.violation,
+            gap=(mine["objective"] - best).abs() / unit,
+        )
+        slow = part["solve_seconds"] > longest(float(self.inputs["time_limit"]))
+        missing = {
+            solver: NOT_RECORDED if slow[solver] else NOT_REPORTED
+            for solver in part.index.difference(pd.Index(table["solver"]), sort=False)
+        }
+        solvers = tuple(self.inputs["solvers"])
+        return Convergence(problem, start, best, table.reset_index(drop=True), missing, solvers)
 
     def agreement(self, other: Comparison) -> Agreement:
         """Test if this and another comparison rank the solvers within each other's error bars.
@@ -270,32 +291,6 @@ class Comparison(Displayed):
 
     def __str__(self) -> str:
         return self.summary.to_string(index=False)
-
-
-def _convergence(comparison: Comparison, problem: str | None, start: str | None) -> Convergence:
-    """Convergence on a problem; None stands for the first problem or start."""
-    runs, iterates = comparison.runs, comparison.iterates
-    if problem is None:
-        problem = str((iterates if len(iterates) else runs)["problem"].iloc[0])
-    _require_known("problem", problem, runs)
-    part = runs[(runs["problem"] == problem) & runs["applicable"] & (runs["copy"] == 0)]
-    start = part["start"].iloc[0] if start is None else start
-    _require_known("start", start, part)
-    part = part[part["start"] == start].set_index("solver")
-    best = float(part["best_objective"].iloc[0])
-    unit = float(gap_unit(part["best_objective"], part["objective_scale"]).iloc[0])
-    mine = iterates[(iterates["problem"] == problem) & (iterates["start"] == start)]
-    table = mine.drop(columns=["family", "problem", "start"]).assign(
-        feasible=mine["violation"] <= comparison.tolerances.violation,
-        gap=(mine["objective"] - best).abs() / unit,
-    )
-    slow = part["solve_seconds"] > longest(float(comparison.inputs["time_limit"]))
-    missing = {
-        solver: NOT_RECORDED if slow[solver] else NOT_REPORTED
-        for solver in part.index.difference(pd.Index(table["solver"]), sort=False)
-    }
-    solvers = tuple(comparison.inputs["solvers"])
-    return Convergence(problem, start, best, table.reset_index(drop=True), missing, solvers)
 
 
 def _require_known(column: str, value: str | None, table: pd.DataFrame) -> None:

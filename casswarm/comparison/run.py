@@ -9,8 +9,9 @@ import statistics
 import sys
 import timeit
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import asdict, replace
+from functools import partial
 from importlib.metadata import version
 from itertools import product
 from numbers import Integral
@@ -22,7 +23,7 @@ import numpy as np
 import pandas as pd
 from typing_extensions import Unpack
 
-from .._util.checkpoint import Checkpoint, file_name
+from .._util.checkpoint import Checkpoint, file_name, opened
 from .._util.numbers import require_seed
 from .._util.progress import reporter
 from .._util.settings import SAVED, Execution, SavedKeywords, given_values
@@ -130,6 +131,7 @@ def benchmark(
     restored = copy.restored(answer)
     solution = solver.verified(nlp, instance, restored, build)
     residuals, seconds = solution.residuals, statistics.median(times)
+    gradient = partial(nlp.gradient, instance.x0[0], instance.p[0])
     recorded = record_iterates and not copy.number and seconds <= longest(solver.time_limit)
     return row | {
         "reported_status": str(answer.status),
@@ -150,7 +152,7 @@ def benchmark(
         "solves": len(times),
         "time_ratio": max(times) / min(times) if len(times) > 1 and min(times) > 0 else math.nan,
         "objective_scale": value,
-        "gradient_seconds": _gradient_seconds(nlp, instance),
+        "gradient_seconds": statistics.median(timeit.repeat(gradient, number=1, repeat=7)),
         "iterates": iterate_columns(problem, start, solver, seconds) if recorded else {},
     }
 
@@ -160,8 +162,7 @@ def _no_answer(message: str, objective_scale: float) -> dict[str, Any]:
     numbers = ("objective", "violation", "stationarity", "complementarity", "relative_error")
     seconds = ("build_seconds", "solve_seconds", "time_ratio", "gradient_seconds")
     return {
-        "reported_status": NOT_APPLICABLE,
-        "status": NOT_APPLICABLE,
+        **dict.fromkeys(("reported_status", "status"), NOT_APPLICABLE),
         "message": message,
         **dict.fromkeys((*numbers, *seconds), math.nan),
         **dict.fromkeys(("iterations", "evaluations", "solves"), 0),
@@ -181,11 +182,6 @@ def _solve_times(solver: Isolated, nlp: Nlp, instance: Instances, answer: Answer
             break
         times.append(float(repeated.seconds))
     return times
-
-
-def _gradient_seconds(nlp: Nlp, instance: Instances) -> float:
-    x, p = instance.x0[0], instance.p[0]
-    return statistics.median(timeit.repeat(lambda: nlp.gradient(x, p), number=1, repeat=7))
 
 
 DEFAULT = ("guides", "formations")
@@ -295,27 +291,17 @@ def compare(
     }
     tolerances = Tolerances() if tolerances is None else tolerances
     isolated = {label: Isolated(solver, time_limit) for label, solver in limited.items()}
-    store = nullcontext() if checkpoint is None else Checkpoint(Path(checkpoint), inputs, if_exists)
-    try:
-        with store as records:
-            rows = _benchmarks(
-                list(problem_copies(posed, copies, seed)),
-                isolated,
-                records,
-                progress,
-                bool(record_iterates),
-            )
-    finally:
+    with ExitStack() as stack:
         for solver in isolated.values():
-            solver.close()
+            stack.callback(solver.close)
+        records = stack.enter_context(opened(checkpoint, lambda: inputs, if_exists))
+        copied = list(problem_copies(posed, copies, seed))
+        rows = _benchmarks(copied, isolated, records, progress, inputs["record_iterates"])
     _require_applicable(rows)
     iterates = iterate_table(rows)
-    return Comparison(
-        runs=verify(pd.DataFrame(rows), tolerances),
-        problems=pd.DataFrame([problem.as_row() for problem in posed]),
-        inputs=inputs | {"tolerances": asdict(tolerances)},
-        iterates=iterates,
-    )
+    runs = verify(pd.DataFrame(rows), tolerances)
+    table = pd.DataFrame([problem.as_row() for problem in posed])
+    return Comparison(runs, table, inputs | {"tolerances": asdict(tolerances)}, iterates)
 
 
 def _require_applicable(rows: Sequence[Mapping[str, Any]]) -> None:
@@ -342,28 +328,24 @@ def _benchmarks(
         (copy, start, label) for copy in copies for start, label in product(copy.starts, solvers)
     ]
     rows: list[dict[str, Any]] = []
+    report = progress or (lambda *_: None)
     build_seconds: dict[tuple[str, int], float] = {}  # a solver builds a program once
     first = warm_up([copy.problem for copy in copies])
     for solver in solvers.values():
         solver.warm_up(*first)
     for copy, start, label in runs:
-        if progress is not None:
-            progress("comparing", len(rows), len(runs))
+        report("comparing", len(rows), len(runs))
         name = file_name(f"{copy.problem.name}-{copy.number}-{start}-{label}")
         row = None if checkpoint is None else checkpoint.load_json(name)
         if row is None:
             solvers[label].start()
             row = benchmark(copy, start, label, solvers[label], record_iterates)
-            row["build_seconds"] = build_seconds.setdefault(
-                (label, id(copy.nlp)), row["build_seconds"]
-            )
+            key = label, id(copy.nlp)
+            row["build_seconds"] = build_seconds.setdefault(key, row["build_seconds"])
             if checkpoint is not None:
                 checkpoint.save_json(name, row)
         rows.append(row)
-    if checkpoint is not None:
-        checkpoint.finish()
-    if progress is not None:
-        progress("comparing", len(rows), len(runs))
+    report("comparing", len(rows), len(runs))
     return rows
 
 

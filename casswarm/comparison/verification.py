@@ -146,6 +146,12 @@ def summary(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
     return groups[groups["applicable"] > 0].reset_index()
 
 
+def groups(table: pd.DataFrame) -> list[tuple[str, str]]:
+    """Families and starts to which some solver applies, in order."""
+    pairs = table.loc[table["applicable"], ["family", "start"]].drop_duplicates()
+    return list(pairs.itertuples(index=False, name=None))
+
+
 def by_problem(table: pd.DataFrame) -> pd.DataFrame:
     """Summary by (family, problem, start): how many runs solved it, and the fastest."""
     keys = ["family", "problem", "start"]

@@ -13,12 +13,11 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from http import HTTPStatus
 from importlib.resources import files
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ExtraError
-from ..guide.guide import Guide
-from ..studies.simulation import Study
 from .session import Session
 from .view import View
 
@@ -223,20 +222,9 @@ def _widget_class() -> type[Any]:
         def _receive(self, _widget: object, content: Any, _buffers: object) -> None:
             self._view.receive(content)
 
-        @property
-        def scenario(self) -> Scenario:
-            """The present scenario."""
-            return self.session.scenario
-
-        @property
-        def guide(self) -> Guide:
-            """The guide of the present scenario."""
-            return self.session.guide
-
-        @property
-        def study(self) -> Study:
-            """The largest study of the present scenario so far."""
-            return self.session.study
+        scenario = property(attrgetter("session.scenario"), doc="The present scenario.")
+        guide = property(attrgetter("session.guide"), doc="Its guide.")
+        study = property(attrgetter("session.study"), doc="Its largest study so far.")
 
         def close(self) -> None:
             """Close the widget, and end the process that computes."""

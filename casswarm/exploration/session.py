@@ -194,15 +194,13 @@ class Session:
     @property
     def guide(self) -> Guide:
         """Guide of the present scenario; waits until it is planned, or raises PlanningError."""
-        guide = self._awaited("guide")
-        assert isinstance(guide, Guide)
+        guide: Guide = self._awaited("guide")
         return guide
 
     @property
     def study(self) -> Study:
         """The largest study of the present scenario and policy so far; waits for the first."""
-        study = self._awaited("study")
-        assert isinstance(study, Study)
+        study: Study = self._awaited("study")
         return study
 
     def wait(self, timeout: float | None = None) -> Answer:
@@ -213,7 +211,7 @@ class Session:
             assert self.answer is not None
             return self.answer
 
-    def _awaited(self, name: str) -> object:
+    def _awaited(self, name: str) -> Any:
         """A part of the present answer, as soon as it has one."""
         with self._lock:
             self._until(lambda answer: answer.done or getattr(answer, name) is not None)

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import CasswarmError
 from ..guide.guide import Guide
 from ..policies.named import POLICIES
-from ..scenario.validation import fields, subtable
+from ..scenario.validation import field_of
+from ..scenario.variations import value
 from ..studies.simulation import Study
 from .answers import Answer, HazardMap
 from .session import POINTS, Session
@@ -72,25 +73,10 @@ def parameters(scenario: Scenario) -> list[Parameter]:
             listed.append(Parameter(key, 1, most, True, "Number of members."))
         elif number:  # neither missing nor 0, which has no range
             low, high = float(number) / FACTOR, float(number) * FACTOR
-            listed.append(Parameter(key, low, high, False, _description(key)))
+            field = field_of(key, type(scenario))
+            description = (field and field.description) or ""
+            listed.append(Parameter(key, low, high, False, description))
     return listed
-
-
-def value(scenario: Scenario, key: str) -> Any:
-    """Value of a parameter or a choice; None if the scenario has none."""
-    if key == "n":
-        return scenario.n
-    table, _, leaf = key.partition(".")
-    return getattr(scenario.hazard_table if table == "hazard" else getattr(scenario, table), leaf)
-
-
-def _description(key: str) -> str:
-    from ..scenario import Scenario
-
-    table, _, leaf = key.partition(".")
-    model = subtable(fields(Scenario)[table])
-    assert model is not None
-    return fields(model)[leaf].description or ""
 
 
 Message = dict[str, Any]
@@ -185,10 +171,11 @@ def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
     history = session.history
     state = (session.scenario, session.policy, history.can_undo, history.can_redo)
     failure = "" if present is None else present.failure
+    problem, busy = session.problem or failure, present is None or not present.done
     parts: dict[str, tuple[object, Callable[[], Any]]] = {
         "scene": (state, partial(_scene, session)),
-        "problem": (session.problem or failure, lambda: session.problem or failure),
-        "busy": (present is None or not present.done, lambda: present is None or not present.done),
+        "problem": (problem, lambda: problem),
+        "busy": (busy, lambda: busy),
     }
     if good is None:
         return parts
@@ -253,10 +240,13 @@ def _success(answer: Answer, current: bool) -> Message | None:
     if answer.success is None:
         return None
     (low, high), proven = answer.success
-    runs = 0 if answer.study is None else len(answer.study.runs)
-    policy = answer.question.policy
-    return {"low": low, "high": high, "proven": proven, "runs": runs, "policy": policy} | {
-        "current": current
+    return {
+        "low": low,
+        "high": high,
+        "proven": proven,
+        "runs": 0 if answer.study is None else len(answer.study.runs),
+        "policy": answer.question.policy,
+        "current": current,
     }
 
 
@@ -265,11 +255,5 @@ def _runs(study: Study | None) -> list[Message]:
     if study is None:
         return []
     (trajectories,) = study.trajectories.values()
-    return [
-        {
-            "positions": run.positions.tolist(),
-            "alive": run.alive.tolist(),
-            "leaders": run.leaders.tolist(),
-        }
-        for run in trajectories
-    ]
+    parts = ("positions", "alive", "leaders")
+    return [{part: getattr(run, part).tolist() for part in parts} for run in trajectories]

@@ -166,8 +166,8 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
     columns = min(len(scenarios), 2 if current_theme().narrow else 3)
     lines = len(policies) * (1.5 if several else 2.4) + 4
     aspect = current_theme().aspect_of(lines * -(-len(scenarios) // columns) + 3)
-    aspect, heading = max(0.28, aspect), (title, "" if several else _kind(table))
-    fig, axes = panels(len(scenarios), columns, aspect, *heading, sharex=True, sharey=True)
+    aspect, titles = max(0.28, aspect), (title, "" if several else _kind(table))
+    fig, axes = panels(len(scenarios), columns, aspect, *titles, sharex=True, sharey=True)
     for panel, (scenario, rows) in zip(axes, scenarios, strict=True):
         _bars(panel, rows, policies, values=not several)
         heading = wrap(scenario, 0.85 / columns)

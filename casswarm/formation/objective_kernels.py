@@ -4,9 +4,9 @@ The same sums as `casswarm.hazard.kernel_hazard` assembles in matrix form: the o
 `casswarm.problems.formation`, with its layout of x and p. Every pair of members is evaluated once.
 `scratch` (n (n + 8),) is overwritten.
 
-In large swarms loops over pairs are vectorised, which costs more than it brings for few members,
-and diagonal blocks of the Hessian are written too, one for every member: the members' curvatures
-differ by orders of magnitude, and these precondition Newton steps.
+In large swarms the order of sums is free, so that loops over pairs are vectorised, and diagonal
+blocks of the Hessian are written too, one for every member: the members' curvatures differ by
+orders of magnitude, and these precondition Newton steps.
 """
 
 from __future__ import annotations
@@ -32,90 +32,12 @@ from ..typing import FloatArray
 def evaluate_few(
     x: FloatArray, p: FloatArray, constants: FloatArray, gradient: FloatArray, scratch: FloatArray
 ) -> float:
-    """Objective of x (2n,); its gradient is written."""
-    n, parameters = x.size // 2, unpacked(constants)
-    dt = p[6 * n + 2]
-    density_sums, collision_sums = 2 * n, 3 * n  # where these begin in `scratch`
-    for c in range(2 * n):
-        scratch[c] = p[c] + dt * x[c]
-        scratch[density_sums + c] = 0.0
-        gradient[c] = 0.0
-    add_pairs(n, p, parameters, scratch)
-    total = 0.0
-    own_density = density(0.0, parameters)[0]
-    for i in range(n):
-        weight = p[5 * n + i]
-        if weight == 0.0:
-            continue
-        sums = scratch[density_sums + i] + own_density, scratch[collision_sums + i]
-        rate, east, north, by_density, by_collision = member_rate(
-            (scratch[2 * i], scratch[2 * i + 1]), sums, 2.0 * dt * weight, constants, parameters
-        )
-        total += weight * rate
-        gradient[2 * i] += east
-        gradient[2 * i + 1] += north
-        scratch[density_sums + i], scratch[collision_sums + i] = by_density, by_collision
-    add_pair_gradients(n, p, scratch, gradient)
-    return total
+    """Objective of x (2n,); its gradient is written to the first 2n entries.
 
-
-@kernel
-def add_pairs(n: int, p: FloatArray, parameters: Parameters, scratch: FloatArray) -> None:
-    """Add the densities and collisions of all pairs of which one has a weight; keep their slopes.
-
-    `scratch` has the positions, the sums of densities, those of collisions, and the slopes.
-    """
-    k = 4 * n
-    for i in range(n):
-        if p[5 * n + i] == 0.0:
-            continue
-        east, north = scratch[2 * i], scratch[2 * i + 1]
-        for j in range(n):
-            weighted = p[5 * n + j] != 0.0
-            if p[4 * n + j] == 0.0 or j == i or (weighted and j < i):
-                continue
-            de, dn = east - scratch[2 * j], north - scratch[2 * j + 1]
-            squared = de * de + dn * dn
-            pair_density, scratch[k] = density(squared, parameters)
-            pair_collision, scratch[k + 1] = collision(squared, parameters)
-            scratch[2 * n + i] += pair_density
-            scratch[3 * n + i] += pair_collision
-            if weighted:
-                scratch[2 * n + j] += pair_density
-                scratch[3 * n + j] += pair_collision
-            k += 2
-
-
-@kernel
-def add_pair_gradients(n: int, p: FloatArray, scratch: FloatArray, gradient: FloatArray) -> None:
-    """Add the gradient of the same pairs, with the derivatives in the sums in their place."""
-    k = 4 * n
-    for i in range(n):
-        if p[5 * n + i] == 0.0:
-            continue
-        east, north = scratch[2 * i], scratch[2 * i + 1]
-        for j in range(n):
-            if p[4 * n + j] == 0.0 or j == i or (p[5 * n + j] != 0.0 and j < i):
-                continue
-            slope = (scratch[2 * n + i] + scratch[2 * n + j]) * scratch[k]
-            slope += (scratch[3 * n + i] + scratch[3 * n + j]) * scratch[k + 1]
-            de, dn = slope * (east - scratch[2 * j]), slope * (north - scratch[2 * j + 1])
-            gradient[2 * i] += de
-            gradient[2 * i + 1] += dn
-            gradient[2 * j] -= de
-            gradient[2 * j + 1] -= dn
-            k += 2
-
-
-@kernel
-def evaluate_many(
-    x: FloatArray, p: FloatArray, constants: FloatArray, gradient: FloatArray, scratch: FloatArray
-) -> float:
-    """Objective of x (2n,); its gradient is written, and where it has 5n entries, the blocks.
-
-    The living are copied to vectors of their coordinates, so that the loops over pairs are
+    The living are copied to vectors of their coordinates, so that the loops over pairs can be
     vectorised: their indices begin at zero, they have no branches, and each reads and writes few
-    arrays (the compiler must check that these do not overlap).
+    arrays (the compiler must check that these do not overlap). Where nobody is alive, members with
+    a weight count as if each were alone.
     """
     n, parameters = x.size // 2, unpacked(constants)
     dt = p[6 * n + 2]
@@ -123,9 +45,11 @@ def evaluate_many(
     densities, collisions = scratch[2 * n : 3 * n], scratch[3 * n : 4 * n]
     gradient_east, gradient_north = scratch[4 * n : 5 * n], scratch[5 * n : 6 * n]
     members = scratch[6 * n : 7 * n]
-    first, living = gather(x, p, density(0.0, parameters)[0], scratch)
-    sum_pairs(n, first, living, parameters, scratch)
-    objective = 0.0
+    first, living = gather(x, p, scratch)
+    alone = living > 0 and p[4 * n + int(members[living - 1])] == 0.0
+    if not alone:
+        sum_pairs(n, first, living, parameters, scratch)
+    own_density, objective = density(0.0, parameters)[0], 0.0
     for k in range(first):
         densities[k], collisions[k] = 0.0, 0.0
         gradient_east[k], gradient_north[k] = 0.0, 0.0
@@ -133,41 +57,51 @@ def evaluate_many(
         weight = p[5 * n + int(members[k])]
         rate, gradient_east[k], gradient_north[k], densities[k], collisions[k] = member_rate(
             (east[k], north[k]),
-            (densities[k], collisions[k]),
+            (densities[k] + own_density, collisions[k]),
             2.0 * dt * weight,
             constants,
             parameters,
         )
         objective += weight * rate
-    pair_gradients(n, first, living, scratch)
+    if not alone:
+        pair_gradients(n, first, living, scratch)
     for c in range(2 * n):
         gradient[c] = 0.0
     for k in range(living):
         i = int(members[k])
         gradient[2 * i], gradient[2 * i + 1] = gradient_east[k], gradient_north[k]
-    if gradient.size == 5 * n:
-        write_blocks(first, living, p, constants, scratch, gradient[2 * n :])
     return objective
 
 
 @kernel
-def gather(
-    x: FloatArray, p: FloatArray, own_density: float, scratch: FloatArray
-) -> tuple[int, int]:
-    """Write coordinates, sums and indices of the living, from the first returned on with a weight.
+def evaluate_many(
+    x: FloatArray, p: FloatArray, constants: FloatArray, gradient: FloatArray, scratch: FloatArray
+) -> float:
+    """Objective of x (2n,); its gradient is written, and where it has 5n entries, the blocks."""
+    objective: float = evaluate_few(x, p, constants, gradient, scratch)
+    if gradient.size > x.size:
+        first, living = gather(x, p, scratch)
+        write_blocks(first, living, p, constants, scratch, gradient[x.size :])
+    return objective
 
-    The second is their number.
+
+@kernel
+def gather(x: FloatArray, p: FloatArray, scratch: FloatArray) -> tuple[int, int]:
+    """Write coordinates and indices of members that are alive or have a weight; set sums to zero.
+
+    Returned are the first that has a weight, and their number.
     """
     n, living, first = x.size // 2, 0, 0
     dt = p[6 * n + 2]
     for weighted in range(2):
         first = living
         for i in range(n):
-            if p[4 * n + i] != 0.0 and (p[5 * n + i] != 0.0) == (weighted == 1):
+            weight = p[5 * n + i]
+            if weight != 0.0 if weighted else weight == 0.0 and p[4 * n + i] != 0.0:
                 scratch[6 * n + living] = i
                 scratch[living] = p[2 * i] + dt * x[2 * i]
                 scratch[n + living] = p[2 * i + 1] + dt * x[2 * i + 1]
-                scratch[2 * n + living], scratch[3 * n + living] = own_density, 0.0
+                scratch[2 * n + living], scratch[3 * n + living] = 0.0, 0.0
                 living += 1
     return first, living
 
@@ -219,15 +153,14 @@ def pair_gradients(n: int, first: int, living: int, scratch: FloatArray) -> None
             for j in range(i):
                 slopes[j] += (own + collisions[j]) * collision_slopes[j]
             start += i
-        total_east, total_north = 0.0, 0.0
+        total_east, total_north = gradient_east[i], gradient_north[i]
         for j in range(i):
             de, dn = slopes[j] * (east_i - east[j]), slopes[j] * (north_i - north[j])
             total_east += de
             total_north += dn
             gradient_east[j] -= de
             gradient_north[j] -= dn
-        gradient_east[i] += total_east
-        gradient_north[i] += total_north
+        gradient_east[i], gradient_north[i] = total_east, total_north
 
 
 @kernel
@@ -341,6 +274,6 @@ def own_curvature(
     blocks[k + 2] = weight * north_north
 
 
-FEW = member_rate, add_pairs, add_pair_gradients, evaluate_few
-MANY = member_rate, gather, sum_pairs, pair_gradients, own_curvature, write_blocks, evaluate_many
+FEW = member_rate, gather, sum_pairs, pair_gradients, evaluate_few
+MANY = *FEW, own_curvature, write_blocks, evaluate_many
 """Kernels that the objective is made of, for `casswarm.hazard.rate_module`."""

@@ -35,7 +35,7 @@ from ..solvers.base import (
 )
 from ..typing import BoolArray, FloatArray
 from .objective import CompiledObjective, start_count
-from .search_kernels import Batch, Method, descend_batch, minimise_batch
+from .search_kernels import Batch, Method, minimise_batch
 from .spectral_kernels import (
     CONVERGED,
     EXHAUSTED,
@@ -181,14 +181,8 @@ class SpectralProjectedGradient(BatchSolver):
                 solver="spectral",
                 problem=nlp.name,
             )
-        compiled = nlp.attached(CompiledObjective)
-        assert compiled is not None
-        data = batch_data(nlp, instances, instances.x0)
-        results = Results.empty(instances.x0.shape)
         method = self.method(start_count(nlp), nlp.sizes[0] // 2)
-        arguments = compiled.evaluate, data, method, results
-        seconds = execute(minimise_batch, len(results.x), arguments, _PER_THREAD)
-        return BatchRun(results, seconds)
+        return _compiled_run(nlp, instances, instances.x0, method, _PER_THREAD)
 
     def method(self, n_starts: int, members: int) -> Method:
         """The options as kernels take them, with the program's `StartCount` as the default."""
@@ -197,18 +191,23 @@ class SpectralProjectedGradient(BatchSolver):
         return Method(initial, directions, self.tolerance, self.max_iter or 300 + 2 * members)
 
 
-def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
-    """Arrays of B instances and their initial guesses (B, nx) for kernels on products of sets."""
+def _compiled_run(
+    nlp: Nlp, instances: Instances, x0: FloatArray, method: Method, per_thread: int
+) -> BatchRun:
+    """Answers on products of sets from initial guesses (B, nx)."""
     compiled = nlp.attached(CompiledObjective)
     assert compiled is not None
     assert isinstance(instances.feasible_set, PlanarSets)
-    return Batch(
+    data = Batch(
         x0=contiguous(x0),
         p=contiguous(instances.p),
         constants=compiled.constants,
         scale=contiguous(instances.scale),
         sets=instances.feasible_set.packed,
     )
+    results = Results.empty(x0.shape)
+    arguments = compiled.evaluate, data, method, results
+    return BatchRun(results, execute(minimise_batch, len(x0), arguments, per_thread))
 
 
 _CHUNK = 256  # instances evaluated at once
@@ -296,14 +295,10 @@ class ProjectedGradient(Solver):
         return np.zeros_like(instances.x0) if self.start == "zero" else instances.x0
 
     def _run_compiled(self, nlp: Nlp, instances: Instances) -> BatchRun:
-        data = batch_data(nlp, instances, self._initial(instances))
+        x0, directions = self._initial(instances), start_displacements(1, nlp.sizes[0] // 2)
         step, tolerance = self.step * self.x_scale**2, self.tolerance / self.x_scale
-        compiled = nlp.attached(CompiledObjective)
-        assert compiled is not None
-        results = Results.empty(instances.x0.shape)
-        arguments = compiled.evaluate, data, step, tolerance, self.max_iter, results
-        seconds = execute(descend_batch, len(results.x), arguments, _STEPS_PER_THREAD)
-        return BatchRun(results, seconds)
+        method = Method(1, directions, tolerance, self.max_iter, step)
+        return _compiled_run(nlp, instances, x0, method, _STEPS_PER_THREAD)
 
     def _run_chunk(
         self,

@@ -25,28 +25,15 @@ from ..typing import BoolArray, FloatArray
 class TrajectorySets:
     """Sets of trajectories of B states with n members over H steps: a product over members.
 
-    Parameters
-    ----------
-    initial_velocities : (B, n, 2)
-    centers : (B, n, H, 2)
-        Of the corridor, as displacements.
-    radii : (B, n, H)
-        Of the corridor; infinite where there is none.
-    free : (B, n) bool
-        Members whose trajectories are variables.
-    inside : (B, H, n, 2)
-        Trajectories strictly within the limits; those of members that are not free are fixed.
-    limits : Limits
-
     With these as `Instances.feasible_set`, x are the displacements per step, and the objective is
     the sum of the `CompiledObjective` over the steps.
     """
 
-    initial_velocities: FloatArray
-    centers: FloatArray
-    radii: FloatArray
-    free: BoolArray
-    inside: FloatArray
+    initial_velocities: FloatArray  # (B, n, 2)
+    centers: FloatArray  # (B, n, H, 2), of the corridor, as displacements
+    radii: FloatArray  # (B, n, H), of the corridor; infinite where there is none
+    free: BoolArray  # (B, n), members whose trajectories are variables
+    inside: FloatArray  # (B, H, n, 2), trajectories strictly within the limits, or fixed
     limits: Limits
 
     @property

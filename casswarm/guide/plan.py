@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from typing_extensions import Unpack
 
 from .._util.progress import reporter
+from .._util.settings import Execution, SavedKeywords, given_values
 from .._util.text import counted
 from ..bounds import (
     AccelerationBound,
@@ -26,7 +28,7 @@ from ..formation import ProjectedGradient
 from ..grid.nodes import UNIT, Relaxation
 from ..motion.kinematics import integrate
 from ..problems.guide import GuideTask
-from ..scenario import Scenario
+from ..scenario import FormationOptions, GuideOptions, Scenario
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Progress, Search
@@ -149,9 +151,9 @@ def plan(
     check: bool = True,
     certify: bool = True,
     gap: float = GAP,
-    time_limit: float | None = None,
     solver_options: Mapping[str, Any] | None = None,
-    progress: Progress | bool | None = None,
+    execution: Execution | None = None,
+    **plain: Unpack[SavedKeywords],
 ) -> Guide:
     """Path of least risk of a single agent from the swarm's initial position to the target.
 
@@ -173,17 +175,18 @@ def plan(
     gap : float
         Relative distance of the bound from the best known risk at which the proof may end; above
         0, below 1.
-    time_limit : float, optional
-        Seconds for planning as a whole. A search that takes longer ends with the best guide so
-        far, not certified, and `Guide.note` says so; the proof takes what is left of the time, and
-        ends with the bound reached by then. Ipopt ends in time, the projected gradient and the
-        building of a problem do not. By default the search takes as long as it needs, and the
-        proof at most 10 seconds.
     solver_options : mapping, optional
         Options of the solver, if it is given by name.
-    progress : Progress or bool, optional
-        True for progress bars, or a function: see `Progress`. It is called before every start,
-        before every solve that may take long, and before the proof.
+    execution, **plain
+        Values of `Execution`, in this record or as plain keywords:
+
+        - `time_limit`: seconds for planning as a whole. A search that takes longer ends with the
+          best guide so far, not certified, and `Guide.note` says so; the proof takes what is left
+          of the time, and ends with the bound reached by then. Ipopt ends in time, the projected
+          gradient and the building of a problem do not. By default the search takes as long as it
+          needs, and the proof at most 10 seconds.
+        - `progress`, which is called before every start, before every solve that may take long,
+          and before the proof.
 
     Returns
     -------
@@ -202,6 +205,8 @@ def plan(
         A solver that is unknown, or that cannot take the guide problem.
     ValueError
         A gap or time limit out of range.
+    TypeError
+        A value that is given plainly and in a record, or is none of these.
 
     Examples
     --------
@@ -213,6 +218,8 @@ def plan(
     True
     """
     require_scenario("plan", scenario)
+    values = given_values("plan", execution, plain=plain, time_limit=None, progress=None)
+    time_limit, progress = values
     if not 0 < gap < 1:
         raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
     if time_limit is not None and not time_limit > 0:
@@ -316,7 +323,7 @@ def plan_from(
     """
     deadline = time.monotonic() + time_limit
     task = GuideTask.from_scenario(scenario, start, initial_velocity)
-    backend = _solver(scenario, solver, solver_options)
+    backend = papers_solver(scenario, solver, scenario.guide, solver_options, keep="best")
     kind = _checked_search(search, scenario, backend)
     frame = Frame.of_agent(scenario, task.start, task.initial_velocity)
     turned = replace(
@@ -363,14 +370,20 @@ def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
     return np.tile(first, (scenario.n, 1))
 
 
-def _solver(scenario: Scenario, solver: str | Solver, options: Mapping[str, Any] | None) -> Solver:
+def papers_solver(
+    scenario: Scenario,
+    solver: str | Solver,
+    table: GuideOptions | FormationOptions,
+    options: Mapping[str, Any] | None,
+    **others: Any,
+) -> Solver:
+    """The solver, with the paper's options from a table of the scenario for its own method."""
     paper = {
-        "step": scenario.guide.learning_rate,
+        "step": table.learning_rate,
         "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
-        "max_iter": scenario.guide.iterations,
-        "keep": "best",
+        "max_iter": table.iterations,
     }
-    defaults: dict[str, Any] = paper if solver == ProjectedGradient.name else {}
+    defaults = paper | others if solver == ProjectedGradient.name else {}
     return make_solver(solver, **defaults | dict(options or {}))
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..typing import BoolArray, FloatArray
-from .codegen import lowered_derivatives, lowered_kernels
+from .codegen import lowered_kernels
 from .rate_kernels import LANES
 
 if TYPE_CHECKING:
@@ -72,7 +72,8 @@ def set_rates(
     pairs = _squares(_differences(points))
     with np.errstate(all="ignore"):  # values that are not finite are found where they are used
         strengths = source(_squares(_to_radars(hazard, points)))
-        return combine(*_sums(hazard, sets, strengths, density(pairs), collision(pairs), pairs))
+        sums = _sums(hazard, sets, strengths, density(pairs), collision(pairs), pairs)
+        return np.asarray(combine(*sums))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,7 @@ class LocalRates:
     @classmethod
     def of(cls, hazard: KernelHazard, points: FloatArray) -> LocalRates:
         """Rates in all sets of swarms at points (k, n, 2, l)."""
-        source, density, collision, combine = lowered_derivatives(hazard)
+        source, density, collision, combine = lowered_kernels(hazard, 2)
         to_radars, squares = _to_radars(hazard, points), _squares(_differences(points))
         with np.errstate(all="ignore"):  # values that are not finite end the solve
             strengths = _filled(source, 3, 1, _squares(to_radars))

@@ -250,13 +250,7 @@ class Hazard(ABC):
 
 
 def checked_radars(radars: ArrayLike) -> tuple[tuple[float, float], ...]:
-    """Radars as a hashable tuple of pairs of floats.
-
-    Raises
-    ------
-    HazardError
-        They are not (k, 2) finite numbers.
-    """
+    """Radars as a hashable tuple of pairs of floats; HazardError unless (k, 2) finite numbers."""
     try:
         array = np.array(radars, dtype=float)
     except (TypeError, ValueError):

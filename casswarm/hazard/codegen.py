@@ -18,7 +18,7 @@ import numpy as np
 from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..nlp.operations import OPERATIONS, instructions, operation_name
-from ..typing import Expr, FloatArray
+from ..typing import Expr
 
 if TYPE_CHECKING:
     from .kernel_hazard import KernelHazard
@@ -91,15 +91,10 @@ def derivative_source(
 
 
 @locked_cache(maxsize=64)
-def lowered_kernels(hazard: KernelHazard) -> tuple[Callable[..., FloatArray], ...]:
-    """NumPy functions of the four expressions: source, density, collision, combine."""
-    return tuple(lower(getattr(hazard, name), inputs, name) for name, inputs in _KERNELS.items())
-
-
-@locked_cache(maxsize=64)
-def lowered_derivatives(hazard: KernelHazard) -> tuple[Callable[..., tuple[FloatArray, ...]], ...]:
-    """NumPy functions of the four expressions with their first and second derivatives."""
-    return tuple(lower(getattr(hazard, name), inputs, name, 2) for name, inputs in _KERNELS.items())
+def lowered_kernels(hazard: KernelHazard, order: int = 0) -> tuple[Callable[..., Any], ...]:
+    """NumPy functions (see `lower`) of the expressions: source, density, collision, combine."""
+    kernels = _KERNELS.items()
+    return tuple(lower(getattr(hazard, name), inputs, name, order) for name, inputs in kernels)
 
 
 @locked_cache(maxsize=64)

@@ -171,13 +171,7 @@ class CustomHazard(Hazard):
 
 @locked_cache(maxsize=64)
 def rate_function(hazard: CustomHazard, n: int) -> Expr:
-    """CasADi Function (2, n), (1, n) -> (1, n) of a user's rates.
-
-    Raises
-    ------
-    HazardError
-        The function raises, or returns a wrong shape.
-    """
+    """CasADi Function (2, n), (1, n) -> (1, n) of a user's rates, or HazardError."""
     _require_arguments(hazard)
     positions, alive = ca.MX.sym("positions", 2, n), ca.MX.sym("alive", 1, n)
     try:
@@ -277,12 +271,7 @@ def user_hazard(
     `kind` is the function or class, or its name ``module:name``. With a folder, that of a scenario
     file, the module must lie in it and define what is named, or an installed package must offer
     it as an entry point; without, the module is imported as usual. A class is called with the
-    radars and parameters.
-
-    Raises
-    ------
-    HazardError
-        The function or class cannot be imported or called, or fails.
+    radars and parameters. HazardError tells what cannot be imported or called, or fails.
     """
     rates = _named(kind, folder) if isinstance(kind, str) else kind
     if not (isinstance(rates, type) and issubclass(rates, Hazard)):

@@ -13,7 +13,7 @@ import numpy as np
 from ..guide.guide import Guide
 from ..guide.multistart import GRID_PATH, STRAIGHT
 from ..guide.plan import plan_from
-from ..motion.kinematics import integrate, remaining_distance, resample
+from ..motion.kinematics import integrate, interpolated, remaining_distance, resample
 from ..problems.joint import JointTask
 from ..problems.subsets import subsets
 from ..typing import FloatArray, IntArray
@@ -367,10 +367,7 @@ def _stretched(
     for steps in (last + shift for shift in _SHIFTS):
         if not 0 < steps <= task.steps:
             continue
-        times = np.linspace(0, last, steps + 1)
-        before = np.minimum(times.astype(int), last - 1)
-        share = (times - before)[:, None, None]
-        stretched = (1 - share) * path[before] + share * path[before + 1]
+        stretched = interpolated(path, np.linspace(0, last, steps + 1))
         arrivals = np.ceil(plan.arrivals * (steps / last) - 1e-9).astype(int)
         yield Family(name, arrivals[None], padded(stretched, task.steps)[1:, None])
 

@@ -65,19 +65,12 @@ class Constraints:
     @property
     def values(self) -> FloatArray:
         """All rows of g."""
-        squares = _dot(self.to_center, self.to_center)
-        apart = self._pairs(self.to_center)
-        return self._joined(_dot(self.changes, self.changes), squares, _dot(apart, apart))
+        return self._products(self.changes, self.to_center)
 
     def times(self, velocities: FloatArray) -> FloatArray:
         """Change of all rows with a change (b, T, n, 2) of the velocities."""
         positions = np.cumsum(velocities, axis=1)
-        changes = np.diff(velocities, axis=1, prepend=0.0)
-        return 2.0 * self._joined(
-            _dot(self.changes, changes),
-            _dot(self.to_center, positions),
-            _dot(self._pairs(self.to_center), self._pairs(positions)),
-        )
+        return 2.0 * self._products(np.diff(velocities, axis=1, prepend=0.0), positions)
 
     def transposed_times(self, rows: FloatArray) -> FloatArray:
         """Gradients (b, T, n, 2) of the sums of all rows with some weights."""
@@ -121,12 +114,14 @@ class Constraints:
         """Differences (b, T, pairs, 2) of members' points."""
         return np.asarray(self._incidence @ points)
 
-    def _joined(self, changes: FloatArray, points: FloatArray, pairs: FloatArray) -> FloatArray:
+    def _products(self, changes: FloatArray, points: FloatArray) -> FloatArray:
+        """All rows, of products of the differences with others (b, T, n, 2)."""
+        outside = _dot(self.to_center, points)
         blocks = {
-            "acceleration": changes,
-            "arrival": (self.arrivals * points).sum(axis=1),
-            "outside": points,
-            "separation": pairs,
+            "acceleration": _dot(self.changes, changes),
+            "arrival": (self.arrivals * outside).sum(axis=1),
+            "outside": outside,
+            "separation": _dot(self._pairs(self.to_center), self._pairs(points)),
         }
         return np.hstack([blocks[name].reshape(len(points), -1) for name in self.names])
 

@@ -20,7 +20,7 @@ from ..errors import ScenarioError, SolverError
 from ..guide.frame import Frame
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
-from ..motion.kinematics import integrate
+from ..motion.kinematics import integrate, interpolated
 from ..problems.joint import OBJECTIVES, JointForm, JointTask
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver, make_solver
@@ -70,10 +70,7 @@ def refined(outcome: SwarmOutcome, task: JointTask, coarse_steps: int) -> Initia
     velocities = np.concatenate([task.initial_velocities[None], outcome.velocities])
     last = int(arrivals.max()) if arrivals.all() else task.steps
     times = np.minimum((np.arange(last) + 0.5) / ratio + 0.5, len(velocities) - 1)
-    before = np.minimum(times.astype(int), len(velocities) - 2)
-    share = (times - before)[:, None, None]
-    between = (1.0 - share) * velocities[before] + share * velocities[before + 1]
-    return InitialGuess(outcome.start, arrivals, between)
+    return InitialGuess(outcome.start, arrivals, interpolated(velocities, times))
 
 
 def distinct(

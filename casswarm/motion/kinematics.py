@@ -34,6 +34,13 @@ def integrate(start: FloatArray, velocities: FloatArray, dt: float) -> FloatArra
     return positions
 
 
+def interpolated(path: FloatArray, times: FloatArray) -> FloatArray:
+    """Points (m, ...) of a path (T+1, ...) at `times` (m,) from 0 to T, in steps."""
+    before = np.minimum(times.astype(int), len(path) - 2)
+    share = (times - before).reshape(-1, *[1] * (path.ndim - 1))
+    return np.asarray((1.0 - share) * path[before] + share * path[before + 1])
+
+
 def remaining_distance(
     positions: FloatArray, goal: FloatArray, reach: float | NDArray[np.floating[Any]]
 ) -> FloatArray:

@@ -71,10 +71,7 @@ def checked_state(
 ) -> States:
     """Positions and velocities (B, n, 2) and the living (B, n) of a state or a batch of states.
 
-    Raises
-    ------
-    PolicyError
-        Shapes that do not fit, or numbers of the living that are not finite.
+    PolicyError refuses shapes that do not fit, and numbers of the living that are not finite.
     """
     x, v, living = np.asarray(positions, float), np.asarray(velocities, float), np.asarray(alive)
     shapes = [x.shape, v.shape, living.shape]
@@ -105,10 +102,7 @@ def checked_state(
 def checked_decision(name: str, step: int, decision: Any, alive: BoolArray) -> Decision:
     """The decision that the policy `name` returned on states of living members (B, n).
 
-    Raises
-    ------
-    PolicyCallError
-        It is no `Decision`, or its velocities or counts are not those of all states.
+    PolicyCallError refuses what is no `Decision`, or not one for all states.
     """
     if not isinstance(decision, Decision):
         text = "decide_batch must return a Decision, such as Decision.plain(velocities)"
@@ -127,10 +121,8 @@ def checked_decision(name: str, step: int, decision: Any, alive: BoolArray) -> D
 def checked_velocities(name: str, step: int, velocities: Any, alive: BoolArray) -> FloatArray:
     """Copy of the velocities (B, n, 2) that the policy `name` returned, zero for the destroyed.
 
-    Raises
-    ------
-    PolicyCallError
-        Velocities that are not numbers, of the wrong shape, or not finite for a living member.
+    PolicyCallError refuses those that are not numbers, of the wrong shape, or not finite for a
+    living member.
     """
     try:
         checked = np.asarray(velocities, dtype=float)

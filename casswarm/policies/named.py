@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from .._util.text import did_you_mean
 from ..errors import PolicyError
-from ..formation import ProjectedGradient
 from ..formation.task import LEADER_SELECTION
 from ..grid import ValueFunction
 from ..guide.guide import Guide
-from ..guide.plan import guide_solver, initial_velocities, plan, plan_from
+from ..guide.plan import guide_solver, initial_velocities, papers_solver, plan, plan_from
 from ..joint import PlanTree, plan_swarm
 from ..motion.step import Motion
 from ..scenario.scenario_files import require_scenario
-from ..solvers import Solver, make_solver
+from ..solvers import Solver
 from ..typing import LeaderSelection
 from .base import Policy
 from .formation_policies import (
@@ -101,8 +100,7 @@ def make_policy(
     require_scenario("make_policy", scenario)
     kind, horizon = _parsed(name, horizon)
     _require_known("leader_selection", leader_selection, LEADER_SELECTION)
-    options = _paper_options(scenario, solver) | dict(solver_options or {})
-    backend = make_solver(solver, **options)
+    backend = papers_solver(scenario, solver, scenario.formation, solver_options, start="zero")
     target, dt = scenario.target.center, scenario.time.dt
     if guide is not None and (guide.dt != dt or tuple(guide.center) != target):
         raise PolicyError(
@@ -135,19 +133,6 @@ def make_policy(
     if kind == "leader":
         return LeaderPolicy(*shared, leader_selection, full_name)
     return ConstrainedPolicy(*shared, rho, full_name)
-
-
-def _paper_options(scenario: Scenario, solver: str | Solver) -> dict[str, Any]:
-    """The paper's options of its projected gradient, from the scenario; none for other solvers."""
-    if solver != ProjectedGradient.name:
-        return {}
-    options = scenario.formation
-    return {
-        "step": options.learning_rate,
-        "x_scale": 1.0 / scenario.time.dt,  # steps in displacements
-        "max_iter": options.iterations,
-        "start": "zero",
-    }
 
 
 def _parsed(name: str, horizon: int) -> tuple[str, int]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from .._util.settings import Accuracy
 from ..chain.confidence import wilson
 from ..chain.monte_carlo import RunTrajectory
 from ..formation import ProjectedGradient
@@ -21,6 +22,7 @@ from ..guide.plan import guide_solver, initial_velocities, plan
 from ..motion.step import Motion
 from ..policies import NaivePolicy, Policy, make_policy, member_guides
 from ..scenario import Scenario, load_scenario
+from ..scenario.variations import value
 from ..studies.evaluation import estimate, evaluate
 from ..studies.simulation import PAPER_POLICIES, simulate
 from ..typing import Interval, LeaderSelection
@@ -43,16 +45,8 @@ def table_1(scenario: Scenario) -> pd.DataFrame:
     Columns: parameter, meaning, key (in the scenario file), paper, casswarm. The hazard parameters
     are those of `scenario`: a scenario with collisions has them all.
     """
-    values = tomllib.loads(scenario.to_toml())
-
-    def value(key: str) -> float:
-        if key == "n":
-            return float(scenario.n)
-        table, _, name = key.partition(".")
-        return float(values[table][name])
-
     table = pd.read_csv(io.StringIO(_data("table_1.csv")))
-    return table.assign(casswarm=[value(key) for key in table["key"]])
+    return table.assign(casswarm=[float(value(scenario, key)) for key in table["key"]])
 
 
 def geometry(scenario: Scenario) -> pd.DataFrame:
@@ -151,22 +145,13 @@ def success_of(
     else "95 %": an interval, because the residual mass was sampled by `runs` runs. By default
     there are `STATES`, or `METHOD_STATES`.
     """
-    if states is None:
-        states = METHOD_STATES if solver == METHOD else STATES
+    states = states or (METHOD_STATES if solver == METHOD else STATES)
     part = evaluate(scenario, policy, WIDTH, max_states=states, guide=guide, solver=solver)
     if part.complete:
         return part.success, "proven", part.infeasible
-    fewer = states // 15
-    sampled = estimate(
-        scenario,
-        policy,
-        runs,
-        seed,
-        max_states=fewer,
-        tolerance=1e-4,
-        guide=guide,
-        solver=solver,
-    )
+    planned: dict[str, Any] = {"guide": guide, "solver": solver}
+    fewer = Accuracy(max_states=states // 15, tolerance=1e-4)
+    sampled = estimate(scenario, policy, runs, seed, accuracy=fewer, **planned)
     return sampled.success, "95 %", sampled.enumerated.infeasible
 
 
@@ -305,20 +290,11 @@ def table_2_of_reading(
     if reading.lag:  # V(-1) stays that of the guide
         moved = moved.with_values({"swarm.velocity": guide.velocities[0].tolist()})
         guide = lagging(guide, reading.lag)
-    policies: list[Policy] = [
-        NaivePolicy(Motion.from_scenario(moved), member_guides(moved, guide, reading.guide_options))
-    ]
-    policies += [
-        make_policy(
-            name,
-            moved,
-            guide,
-            METHOD,
-            leader_selection=reading.leader_selection,
-            solver_options=reading.formation_options,
-        )
-        for name in PAPER_POLICIES[1:]
-    ]
+    own = member_guides(moved, guide, reading.guide_options)
+    options: dict[str, Any] = {"solver_options": reading.formation_options}
+    options["leader_selection"] = reading.leader_selection
+    policies: list[Policy] = [NaivePolicy(Motion.from_scenario(moved), own)]
+    policies += [make_policy(name, moved, guide, METHOD, **options) for name in PAPER_POLICIES[1:]]
     summary = simulate(moved, policies, runs, seed, guide=guide, save_trajectories=0).summary
     for name, (_, result) in zip(PAPER_POLICIES, summary.iterrows(), strict=True):
         row |= {f"{name}{end}": result[f"success{end}"] for end in ("", "_low", "_high")}
@@ -424,11 +400,8 @@ def table_2_with_ipopt(scenario: Scenario) -> dict[str, Any]:
     row: dict[str, Any] = {"guide_arrival": guide.arrival, "guide_survival": guide.survival}
     for policy in PAPER_POLICIES:
         success = evaluate(scenario, policy, 10 * WIDTH, guide=guide).success
-        row |= {
-            policy: sum(success) / 2,
-            f"{policy}_low": success.low,
-            f"{policy}_high": success.high,
-        }
+        low, high = success
+        row |= {policy: success.midpoint, f"{policy}_low": low, f"{policy}_high": high}
     return row | {"within": within(row)}
 
 

@@ -111,10 +111,10 @@ def drawn_files(
     those without it. `progress` is told how many are drawn.
     """
     report = progress or (lambda *_: None)
-    left, theirs = deque(catalogue), deque[str]()
+    left, theirs, number = deque(catalogue), deque[str](), len(catalogue)
     while left:
         waiting = helper.waiting if helper else 0
-        report("drawing figures", len(catalogue) - len(left) - waiting, len(catalogue))
+        report("drawing figures", number - len(left) - waiting, number)
         if helper is not None and len(left) > 1 and helper.is_free:
             theirs.appendleft(left.pop())
             helper.begin(theirs[0], catalogue[theirs[0]], figure_format)
@@ -122,12 +122,10 @@ def drawn_files(
             name = left.popleft()
             yield name, figure_format.file_content(catalogue[name])
     for name in theirs:
-        report(
-            "drawing figures", len(catalogue) - (helper.waiting if helper else 0), len(catalogue)
-        )
-        content = helper.file_content(name) if helper else None
-        yield name, content or figure_format.file_content(catalogue[name])
-    report("drawing figures", len(catalogue), len(catalogue))
+        assert helper is not None
+        report("drawing figures", number - helper.waiting, number)
+        yield name, helper.file_content(name) or figure_format.file_content(catalogue[name])
+    report("drawing figures", number, number)
 
 
 def _draw_requested(channel: Channel) -> None:

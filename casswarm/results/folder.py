@@ -118,7 +118,8 @@ class ResultsFolder:
         existing = next(p for p in (path, *path.absolute().parents) if p.exists())
         if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
             raise FolderError(
-                f"cannot write {path}: {existing} is not a folder that can be written to"
+                f"cannot write {path}: {existing} is not a folder that can be written to",
+                path=path,
             )
         folder = cls(path, command, {}, figure_format=figure_format or FigureFormat())
         if scenario is not None:
@@ -180,7 +181,8 @@ class ResultsFolder:
             remove_partial(self.path / name)
         except OSError as error:
             reason = error.strerror or error
-            raise FolderError(f"cannot write {self.path / name}: {reason}") from error
+            file = self.path / name
+            raise FolderError(f"cannot write {file}: {reason}", path=file) from error
 
     def _before(self, name: str, part: Path) -> None:
         """Note the hash of a complete file, and set aside a file that it would replace.
@@ -272,17 +274,21 @@ class ResultsFolder:
                 folder=path,
             ) from None
         except DAMAGED as error:
-            raise CheckpointError(f"{file} cannot be read ({error}): {expected}") from None
+            raise CheckpointError(
+                f"{file} cannot be read ({error}): {expected}", folder=path
+            ) from None
         command = record.get("command") if isinstance(record, dict) else None
         if command == "reproduce":
             raise CheckpointError(
                 f"{file} is of casswarm reproduce, which does not save the runs that its figures "
                 "show; to draw them differently run casswarm reproduce again, which takes "
-                "--format, --width and --dpi (and --only figures for the paper's own)"
+                "--format, --width and --dpi (and --only figures for the paper's own)",
+                folder=path,
             )
         if command not in COMMANDS:
             origin = "an unknown origin" if command is None else f"casswarm {command}"
-            raise CheckpointError(f"{file} is of {origin}, without figures to draw: {expected}")
+            message = f"{file} is of {origin}, without figures to draw: {expected}"
+            raise CheckpointError(message, folder=path)
         return cls(path, command, record, files=recorded_files(record), allow_code=allow_code)
 
     def part(self, name: str) -> Any:
@@ -290,12 +296,15 @@ class ResultsFolder:
         try:
             return self.record[name]
         except KeyError:
-            raise CheckpointError(
+            raise self._error(
                 f"{self.path / RECORD} has no {name!r}: it is damaged; {self._advice}"
             ) from None
 
+    def _error(self, message: str) -> CheckpointError:
+        return CheckpointError(message, folder=self.path)
+
     def _missing(self, name: str) -> CheckpointError:
-        return CheckpointError(
+        return self._error(
             f"{self.path} has no {name}: it was removed, or written by an older casswarm; "
             f"{self._advice}"
         )
@@ -318,7 +327,7 @@ class ResultsFolder:
         try:
             data = tomllib.loads(self.part("scenario"))
         except (AttributeError, TypeError, ValueError, RecursionError):
-            raise CheckpointError(
+            raise self._error(
                 f"the scenario in {self.path / RECORD} is damaged; {self._advice}"
             ) from None
         source = f"the scenario in {self.path / RECORD}"
@@ -338,7 +347,7 @@ class ResultsFolder:
         except FileNotFoundError:
             raise self._missing(file.name) from None
         except (OSError, ValueError) as error:
-            raise CheckpointError(f"{file} cannot be read: {error}") from None
+            raise self._error(f"{file} cannot be read: {error}") from None
         return table
 
     @property
@@ -355,7 +364,7 @@ class ResultsFolder:
         except FileNotFoundError:
             raise self._missing(_OBJECTS) from None
         except DAMAGED as error:
-            raise CheckpointError(f"{file} cannot be read ({error}); {self._advice}") from None
+            raise self._error(f"{file} cannot be read ({error}); {self._advice}") from None
         return objects
 
     @property
@@ -374,25 +383,24 @@ class ResultsFolder:
         try:
             return self.objects[name]
         except KeyError:
-            raise CheckpointError(
-                f"{self.path} was written by casswarm {self.command}, which saves no {name}",
-                folder=self.path,
+            raise self._error(
+                f"{self.path} was written by casswarm {self.command}, which saves no {name}"
             ) from None
 
     def trajectory(self, policy: str | None = None, run: int = 0) -> tuple[str, RunTrajectory]:
         """Name of a policy, by default the last one, and the trajectory of one of its runs."""
         if self.command != "simulate":
-            raise CheckpointError(
+            raise self._error(
                 f"{self.path} was written by casswarm {self.command}, which saves no trajectories: "
                 "expected one written by casswarm simulate"
             )
         name = policy or list(self.trajectories)[-1]
         if name not in self.trajectories:
             hint = did_you_mean(name, self.trajectories)
-            raise CheckpointError(f"{self.path} has no trajectories of {name!r}{hint}")
+            raise self._error(f"{self.path} has no trajectories of {name!r}{hint}")
         saved = self.trajectories[name]
         if not 0 <= run < len(saved):
-            raise CheckpointError(
+            raise self._error(
                 f"{self.path} has no trajectory of run {run} of {name}; saved: 0 to "
                 f"{len(saved) - 1}. casswarm simulate --save-trajectories {run + 1} saves it"
             )
@@ -416,13 +424,13 @@ class ResultsFolder:
         except CasswarmError:
             raise
         except KeyError as error:
-            raise CheckpointError(
+            raise self._error(
                 f"the tables in {self.path} lack {error}: one of them is damaged, or written by an "
                 f"older casswarm; {self._advice}"
             ) from error
         except DAMAGED as error:
             reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            raise CheckpointError(
+            raise self._error(
                 f"the figures of {self.path} cannot be drawn ({reason}): a table or {_OBJECTS} is "
                 f"damaged; {self._advice}"
             ) from error

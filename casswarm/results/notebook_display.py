@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import singledispatch
 from html import escape
 from typing import Any, NamedTuple
@@ -37,42 +37,39 @@ from ..typing import FloatArray, ThemeName
 
 
 class View(NamedTuple):
-    """Title, table and notes above a notebook's picture; a mapping is a table of one row."""
+    """How a result is shown: a title, notes and a table above a picture."""
 
     title: str
-    table: Mapping[str, Any] | pd.DataFrame
+    table: Mapping[str, Any] | pd.DataFrame  # a mapping is a table of one row
+    picture: Callable[[Scenario | None], Figure]  # with the scenario of a guide or plan, if given
     notes: str = ""  # lines below the title
 
 
 def html(result: object) -> str:
     """HTML of a result: title, table and picture."""
-    title, table, notes = view(result)
+    title, table, picture, notes = view(result)
     frame = table if isinstance(table, pd.DataFrame) else pd.DataFrame([table])
-    picture = figure_uri(figure(result, None, "column"), dpi=100)
+    with theme("column"):
+        address = figure_uri(picture(None), dpi=100)
     lines = "".join(f"<br>{escape(line)}" for line in notes.splitlines())
     return (
         f"<p><strong>{escape(title)}</strong>{lines}</p>"
         f'<div style="overflow-x: auto">{html_table(frame)}</div>'
-        f'<img src="{picture}" alt="{escape(title)}" style="max-width: 100%">'
+        f'<img src="{address}" alt="{escape(title)}" style="max-width: 100%">'
     )
 
 
 def figure(result: object, scenario: Scenario | None, size: ThemeName) -> Figure:
     """Picture of a result in a theme; a guide's or joint plan's with their scenario, if given."""
+    shown = view(result)
     with theme(size):
-        return picture(result, scenario)
+        return shown.picture(scenario)
 
 
 @singledispatch
 def view(result: object) -> View:
-    """Title and table of a result."""
-    raise TypeError(f"{type(result).__name__} has no table")
-
-
-@singledispatch
-def picture(result: object, scenario: Scenario | None) -> Figure:
-    """Picture of a result in the theme of the context."""
-    raise TypeError(f"{type(result).__name__} has no picture (scenario: {scenario})")
+    """Title, table and picture of a result."""
+    raise TypeError(f"{type(result).__name__} has no table and picture")
 
 
 @view.register
@@ -84,16 +81,7 @@ def _(result: Scenario) -> View:
         "steps": f"{result.n_steps} of {result.time.dt:g}",
         "v_max, a_max": f"{result.swarm.v_max:g}, {result.swarm.a_max:g}",
     }
-    return View(result.name, values, result.description)
-
-
-@picture.register
-@themed
-def _(result: Scenario, _: Scenario | None) -> Figure:
-    fig, axes = base_map(result, [result.positions])
-    add_start(axes, result.positions, "initial positions")
-    add_legend(fig, axes)
-    return fig
+    return View(result.name, values, lambda _: _start_map(result), result.description)
 
 
 @view.register
@@ -106,14 +94,13 @@ def _(result: Guide) -> View:
         "search": result.search,
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }
-    return View("Guide", values)
 
+    def picture(scenario: Scenario | None) -> Figure:
+        if scenario is not None:
+            return guide_map(scenario, result)
+        return _path_map(result.positions[:, None], [f"guide, {counted(result.arrival, 'step')}"])
 
-@picture.register
-def _(result: Guide, scenario: Scenario | None) -> Figure:
-    if scenario is not None:
-        return guide_map(scenario, result)
-    return _path_map(result.positions[:, None], [f"guide, {counted(result.arrival, 'step')}"])
+    return View("Guide", values, picture)
 
 
 @view.register
@@ -125,26 +112,22 @@ def _(result: SwarmPlan) -> View:
         "bound of any policy": "not computed" if result.bound is None else str(result.bound),
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }
-    return View(f"Joint plan of {result.scenario}", values)
 
+    def picture(scenario: Scenario | None) -> Figure:
+        if scenario is not None:
+            law = result.distribution
+            return joint_map(scenario, result.positions, None if law is None else law.survival)
+        return _path_map(result.positions, [f"member {member}" for member in range(result.n)])
 
-@picture.register
-def _(result: SwarmPlan, scenario: Scenario | None) -> Figure:
-    if scenario is not None:
-        law = result.distribution
-        return joint_map(scenario, result.positions, None if law is None else law.survival)
-    return _path_map(result.positions, [f"member {member}" for member in range(result.n)])
+    return View(f"Joint plan of {result.scenario}", values, picture)
 
 
 @view.register
 def _(result: Study) -> View:
-    notes = "\n".join(count_notes(result.summary.to_dict("records")))
-    return View(f"Simulation of {result.scenario.name}", summary_texts(result.summary), notes)
-
-
-@picture.register
-def _(result: Study, _: Scenario | None) -> Figure:
-    return success_chart(result.summary, result.scenario.name)
+    name, summary = result.scenario.name, result.summary
+    notes = "\n".join(count_notes(summary.to_dict("records")))
+    table = summary_texts(summary)
+    return View(f"Simulation of {name}", table, lambda _: success_chart(summary, name), notes)
 
 
 @view.register
@@ -157,34 +140,21 @@ def _(result: OutcomeDistribution) -> View:
         "states": result.states,
         "residual mass": f"{result.residual_mass:.3g}",
     }
-    return View("Outcome distribution", values, result.advice)
-
-
-@picture.register
-def _(result: OutcomeDistribution, _: Scenario | None) -> Figure:
-    return arrival_chart([result], "")
+    return View("Outcome distribution", values, lambda _: arrival_chart([result]), result.advice)
 
 
 @view.register
 def _(result: Sweep) -> View:
-    return View(f"Sweep of {result.scenario.name}", result.table.round(4))
-
-
-@picture.register
-def _(result: Sweep, _: Scenario | None) -> Figure:
-    return sweep_lines(result.table, result.keys[0], result.scenario.name, result.keys[1:])
+    table, keys, name = result.table, result.keys, result.scenario.name
+    lines = table, keys[0], name, keys[1:]
+    return View(f"Sweep of {name}", table.round(4), lambda _: sweep_lines(*lines))
 
 
 @view.register
 def _(result: Comparison) -> View:
-    return View("Comparison of solvers", result.summary.round(4))
-
-
-@picture.register
-def _(result: Comparison, _: Scenario | None) -> Figure:
     from ..comparison.report import overview
 
-    return overview(result)()
+    return View("Comparison of solvers", result.summary.round(4), lambda _: overview(result)())
 
 
 @view.register
@@ -192,13 +162,18 @@ def _(result: Convergence) -> View:
     last = result.iterates.groupby("solver", sort=False).tail(1)
     table = last.drop(columns="feasible").map(lambda x: f"{x:.6g}" if isinstance(x, float) else x)
     notes = "\n".join(f"{solver}: {reason}" for solver, reason in result.missing.items())
-    return View(f"Last iterates on {result.problem}, {result.start} start", table, notes)
-
-
-@picture.register
-def _(result: Convergence, _: Scenario | None) -> Figure:
     title = f"{result.problem}, {result.start} start"
-    return gap_chart(result.iterates, title, result.solvers, tuple(result.missing))
+    gaps = result.iterates, title, result.solvers, tuple(result.missing)
+    return View(f"Last iterates on {title}", table, lambda _: gap_chart(*gaps), notes)
+
+
+@themed
+def _start_map(scenario: Scenario) -> Figure:
+    """Map with the initial positions."""
+    fig, axes = base_map(scenario, [scenario.positions])
+    add_start(axes, scenario.positions, "initial positions")
+    add_legend(fig, axes)
+    return fig
 
 
 @themed

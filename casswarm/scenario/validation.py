@@ -186,6 +186,12 @@ def _locate(
     return names, field, ()
 
 
+def field_of(key: str, model: type[BaseModel]) -> FieldInfo | None:
+    """Field of a dotted key; None if there is no such key."""
+    _, field, remaining = _locate(tuple(key.split(".")), model)
+    return None if remaining else field
+
+
 def unknown_key(key: str, model: type[BaseModel]) -> Problem:
     """Problem of a key that does not exist, with the key that was probably meant."""
     keys = known_keys(model)

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ScenarioError
 from ..typing import FloatArray
 from .model import Scenario
-from .validation import fields, subtable
+from .validation import field_of
 
 
 def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
@@ -31,6 +31,14 @@ def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
     return changed
 
 
+def value(scenario: Scenario, key: str) -> Any:
+    """Value of a parameter; None if the scenario leaves it out."""
+    if key == "n":
+        return scenario.n
+    table, _, leaf = key.partition(".")
+    return getattr(scenario.hazard_table if table == "hazard" else getattr(scenario, table), leaf)
+
+
 def whole_numbers(key: str, values: Sequence[Any]) -> list[Any]:
     """Values of a parameter; if it takes whole numbers only, such as n, they become int.
 
@@ -39,19 +47,13 @@ def whole_numbers(key: str, values: Sequence[Any]) -> list[Any]:
     ScenarioError
         A fraction for such a parameter.
     """
-    if not _takes_whole_numbers(key):
+    field = field_of(key, Scenario)
+    if key != "n" and (field is None or field.annotation is not int):
         return list(values)
     for value in values:
         if isinstance(value, float) and not value.is_integer():
             raise ScenarioError(f"{key} takes whole numbers, not {value:g}", key=key, value=value)
     return [int(value) if isinstance(value, float) else value for value in values]
-
-
-def _takes_whole_numbers(key: str) -> bool:
-    table, _, leaf = key.partition(".")
-    tables = fields(Scenario)
-    keys = fields(model) if table in tables and (model := subtable(tables[table])) else {}
-    return key == "n" or (leaf in keys and keys[leaf].annotation is int)
 
 
 def _with_members(scenario: Scenario, n: Any) -> FloatArray:

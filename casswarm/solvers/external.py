@@ -6,7 +6,6 @@ import os
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, ClassVar, Literal
@@ -65,20 +64,16 @@ class CallbackSolver(Solver):
     def _answer(self, nlp: Nlp, instance: Instances) -> Answer:
         started = time.perf_counter()
         try:
-            with interruptible(), self.quiet():
-                result = self.optimize(nlp, instance)
+            with interruptible():
+                result = self.optimize(InstanceFunctions(nlp, instance))
         except (ValueError, RuntimeError, TypeError) as error:  # such as bounds that cross
             answer = Answer(instance.x0[0], Status.FAILED, error_text(error), 0, 0, 0.0)
         else:
             answer = self.answer(result).in_units(*instance.scale[0])
         return replace(answer, seconds=time.perf_counter() - started)
 
-    def quiet(self) -> AbstractContextManager[None]:
-        """Context in which the package prints nothing."""
-        return nullcontext()
-
     @abstractmethod
-    def optimize(self, nlp: Nlp, instance: Instances) -> Any:
+    def optimize(self, functions: InstanceFunctions) -> Any:
         """Solve an instance with the package; return its result, in units of the instance's scale.
 
         ValueError, RuntimeError and TypeError become the message of a failed answer.
@@ -97,7 +92,7 @@ class InstanceFunctions:
 
     def __init__(self, nlp: Nlp, instance: Instances) -> None:
         self.nlp, self.instance, self.p = nlp, instance, instance.p[0]
-        self.length, self.value = instance.scale[0]
+        self.length, self.value = map(float, instance.scale[0])
         self.x0, self.lower, self.upper = (
             part[0] / self.length for part in (instance.x0, instance.lbx, instance.ubx)
         )
@@ -183,16 +178,15 @@ class Pounce(CallbackSolver):
         return self if self.mu_init is not None else replace(self, mu_init=1e-4)
 
     @override
-    def optimize(self, nlp: Nlp, instance: Instances) -> Any:
-        functions = InstanceFunctions(nlp, instance)
+    def optimize(self, functions: InstanceFunctions) -> Any:
         problem = _package().Problem(
-            n=nlp.sizes[0],
-            m=nlp.sizes[2],
+            n=functions.nlp.sizes[0],
+            m=functions.nlp.sizes[2],
             problem_obj=functions,
             lb=functions.lower,
             ub=functions.upper,
-            cl=instance.lbg[0],
-            cu=instance.ubg[0],
+            cl=functions.instance.lbg[0],
+            cu=functions.instance.ubg[0],
         )
         for option, setting in settings(self).items():
             problem.add_option(option, setting)
@@ -251,18 +245,15 @@ class Unopy(CallbackSolver):
     limits: ClassVar[Mapping[str, Status]]
 
     @override
-    def quiet(self) -> AbstractContextManager[None]:
-        return silence()  # it warns of rows without bounds on stdout
-
-    @override
-    def optimize(self, nlp: Nlp, instance: Instances) -> Any:
+    def optimize(self, functions: InstanceFunctions) -> Any:
         from unopy import UnoSolver  # optional
 
         solver = UnoSolver()
         solver.set_preset(self.preset)
         for option, setting in settings(self).items():
             solver.set_option(option, setting)
-        return solver.optimize(_model(nlp, instance))
+        with silence():  # it warns of rows without bounds on stdout
+            return solver.optimize(_model(functions))
 
     @override
     def answer(self, result: Any) -> Answer:
@@ -286,11 +277,11 @@ class Unopy(CallbackSolver):
         return known or Status.FAILED
 
 
-def _model(nlp: Nlp, instance: Instances) -> Any:
+def _model(callbacks: InstanceFunctions) -> Any:
     """Uno's model of an instance, in units of its scale."""
     import unopy
 
-    (variables, _, rows), callbacks = nlp.sizes, InstanceFunctions(nlp, instance)
+    (variables, _, rows), instance = callbacks.nlp.sizes, callbacks.instance
     jacobian, hessian = callbacks.jacobianstructure(), callbacks.hessianstructure()
     model = unopy.Model(unopy.PROBLEM_NONLINEAR, variables, unopy.ZERO_BASED_INDEXING)
     model.set_variables_lower_bounds(callbacks.lower)

@@ -517,15 +517,8 @@ def optimal_value(
     bounds = [pair_bound(free, free_known, tolerance=tolerance, time_limit=share)]
     if limited and bounds[0].value - known > tolerance:
         left = max(0.0, deadline - time.monotonic())
-        bounds.append(
-            pair_bound(
-                scenario,
-                known,
-                initial_velocities=velocities,
-                tolerance=tolerance,
-                time_limit=left,
-            )
-        )
+        limits: dict[str, Any] = {"tolerance": tolerance, "time_limit": left}
+        bounds.append(pair_bound(scenario, known, initial_velocities=velocities, **limits))
     return OptimalValue(
         Interval(known, min(bound.value for bound in bounds)),
         Interval(free_known, bounds[0].value),

@@ -15,7 +15,7 @@ import numpy as np
 from typing_extensions import override
 
 from .._util.numbers import require_seed
-from ..comparison.families import Family
+from ..comparison.families import Family, require_count
 from ..comparison.problem import Problem
 from ..errors import ComparisonError
 from ..formation import Auto
@@ -82,19 +82,13 @@ def formation_starts(nlp: Nlp, instances: Instances) -> dict[str, Instances]:
     They are projected onto the feasible set; over several steps the warm start is that of the
     policy.
     """
-    cold = instances.with_x0(np.zeros_like(instances.x0))
-    if not isinstance(instances.feasible_set, PlanarSets):
-        return {"cold": cold, "warm": instances}
-    return {"cold": cold, "warm": _from_previous(nlp, instances)}
-
-
-def _from_previous(nlp: Nlp, instances: Instances) -> Instances:
-    """The instances from the previous velocities, projected onto the feasible set."""
-    sets = instances.feasible_set
-    assert isinstance(sets, PlanarSets)
-    previous_velocities = nlp.parameter_blocks(instances.p)["previous_velocities"]
-    points = sets.project(previous_velocities.reshape(*sets.shape, 2))
-    return instances.with_x0(points.reshape(instances.x0.shape))
+    cold = np.zeros_like(instances.x0)
+    starts, sets = {"cold": instances.with_x0(cold), "warm": instances}, instances.feasible_set
+    if isinstance(sets, PlanarSets):
+        previous_velocities = nlp.parameter_blocks(instances.p)["previous_velocities"]
+        points = sets.project(previous_velocities.reshape(*sets.shape, 2))
+        starts["warm"] = instances.with_x0(points.reshape(cold.shape))
+    return starts
 
 
 HORIZONS = (30, 100, 300)
@@ -111,20 +105,15 @@ def _guides(count: int, seed: int, horizons: Sequence[int] = HORIZONS) -> Iterat
     for number, horizon in product(range(count), horizons):
         rng = np.random.default_rng([seed, 1, number])  # the same field at every horizon
         radars = _field(rng, 2 + (2 * number) % 5)
-        yield _guide(f"guide-{horizon}-{number}", radars, horizon, rng)
-
-
-def _guide(name: str, radars: FloatArray, horizon: int, rng: np.random.Generator) -> Problem:
-    dt = 10.0 / horizon
-    scenario = _scenario(
-        name, [(0.0, 0.0)], radars, {"kind": "saturation", "alpha_1": 4.0}, dt, 2.0 * dt**2
-    ).with_values({"guide.arrival": "horizon"})
-    recorder = Recorder(Ipopt())
-    plan_from(scenario, scenario.guide_start, recorder, search="local")
-    nlp, instances, x = recorder.records[0]
-    starts = guide_starts(instances, x, rng)
-    traits = {"radars": len(radars), "horizon": horizon}
-    return Problem(name, "guides", nlp, starts, traits)
+        dt, name = 10.0 / horizon, f"guide-{horizon}-{number}"
+        hazard = {"kind": "saturation", "alpha_1": 4.0}
+        scenario = _scenario(name, [(0.0, 0.0)], radars, hazard, dt, 2.0 * dt**2)
+        scenario = scenario.with_values({"guide.arrival": "horizon"})
+        recorder = Recorder(Ipopt())
+        plan_from(scenario, scenario.guide_start, recorder, search="local")
+        nlp, instances, x = recorder.records[0]
+        traits = {"radars": len(radars), "horizon": horizon}
+        yield Problem(name, "guides", nlp, guide_starts(instances, x, rng), traits)
 
 
 # --- formations
@@ -140,9 +129,7 @@ def _formations(
         for rate, policy in product(_RATES, ("leader", "constrained")):
             recorder = Recorder(Auto())
             variant = scenario.with_values({f"hazard.{k}": v for k, v in _RATES[rate].items()})
-            simulate(
-                variant, [policy], runs, seed, guide=guide, solver=recorder, save_trajectories=0
-            )
+            simulate(variant, policy, runs, seed, guide=guide, solver=recorder, save_trajectories=0)
             for number, (nlp, instances) in enumerate(recorder.sample(count, rng)):
                 starts = formation_starts(nlp, instances)
                 traits = {"members": n, "policy": policy, "rate": rate}
@@ -294,15 +281,9 @@ def guide_problems(scenario: Scenario, count: int = COUNT, seed: int = 0) -> lis
     rng = np.random.default_rng([require_seed(seed), 3])
     recorder = Recorder(Ipopt())
     plan_from(scenario, scenario.guide_start, recorder)
-    name = f"{scenario.name} guide"
+    name, traits = f"{scenario.name} guide", {"scenario": scenario.name}
     return [
-        Problem(
-            f"{name} {number}",
-            f"{name}s",
-            nlp,
-            guide_starts(instances, x, rng),
-            {"scenario": scenario.name},
-        )
+        Problem(f"{name} {number}", f"{name}s", nlp, guide_starts(instances, x, rng), traits)
         for number, (nlp, instances, x) in enumerate(_spread(recorder, count, rng, name))
     ]
 
@@ -351,22 +332,19 @@ def formation_problems(
     listed = policy_list(policies)
     _require_formations(scenario, listed)
     guide = plan(scenario, check=False, certify=False)
-    problems = []
+    problems: list[Problem] = []
     for policy in listed:
         recorder, name = Recorder(Auto()), policy_name(policy)
         simulate(scenario, [policy], runs, seed, guide=guide, solver=recorder, save_trajectories=0)
-        for number, (nlp, instances, _) in enumerate(
-            _spread(recorder, count, rng, f"policy {name!r}")
-        ):
-            problems.append(
-                Problem(
-                    f"{scenario.name} {name} {number}",
-                    f"{scenario.name} formations",
-                    nlp,
-                    formation_starts(nlp, instances),
-                    {"scenario": scenario.name, "members": scenario.n, "policy": name},
-                )
+        posed = _spread(recorder, count, rng, f"policy {name!r}")
+        family = f"{scenario.name} formations"
+        traits = {"scenario": scenario.name, "members": scenario.n, "policy": name}
+        problems += [
+            Problem(
+                f"{scenario.name} {name} {number}", family, nlp, formation_starts(nlp, one), traits
             )
+            for number, (nlp, one, _) in enumerate(posed)
+        ]
     return problems
 
 
@@ -390,15 +368,12 @@ def _spread(
     recorder: Recorder, count: int, rng: np.random.Generator, what: str
 ) -> list[tuple[Nlp, Instances, FloatArray]]:
     """Single instances with free variables, of recorded solves that are spread over all."""
-    if count < 1:
-        raise ComparisonError(
-            f"count = {count}; allowed: whole numbers from 1", key="count", value=count
-        )
-    records = []
-    for nlp, instances, x in recorder.records:
-        free = np.flatnonzero((instances.lbx < instances.ubx).any(axis=1))
-        if len(free):
-            records.append((nlp, instances, x, free))
+    require_count(count)
+    records = [
+        (nlp, instances, x, free)
+        for nlp, instances, x in recorder.records
+        if len(free := np.flatnonzero((instances.lbx < instances.ubx).any(axis=1)))
+    ]
     if not records:
         raise ComparisonError(f"{what}: no problem was posed to a solver, or none with a choice")
     chosen = np.unique(np.linspace(0, len(records) - 1, count + 2)[1:-1].round().astype(int))

@@ -10,7 +10,6 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from .._util.checkpoint import Checkpoint, file_name, opened
@@ -96,25 +95,19 @@ def saved_results(
 ) -> dict[str, list[Runs]]:
     """Batches of a checkpoint by policy, without overlaps."""
     results: dict[str, list[Runs]] = {policy.name: [] for policy in policies}
+    if store is None:
+        return results
     by_file_name = {file_name(name): name for name in results}
-    loaded = [] if store is None else [(name, store.load(name)) for name in store.names()]
-    for name, record in loaded:  # ordered by their first run
-        part = _saved_runs(record)
-        policy = by_file_name.get(name.split("-", 2)[-1])
-        if part is None or policy is None:
+    for name in store.names():  # ordered by their first run
+        try:
+            policy = by_file_name[name.split("-", 2)[-1]]
+            part = Runs.from_arrays(store.load(name) or {})
+        except (KeyError, TypeError, ValueError, OverflowError):
             continue
         end = results[policy][-1].end if results[policy] else 0
         if end <= part.first and part.end <= runs:
             results[policy].append(part)
     return results
-
-
-def _saved_runs(record: Mapping[str, NDArray[Any]] | None) -> Runs | None:
-    """Runs of a record; None if it holds no runs."""
-    try:
-        return None if record is None else Runs.from_arrays(record)
-    except (KeyError, TypeError, ValueError, OverflowError):
-        return None
 
 
 def _gaps(saved: Sequence[Runs], runs: int) -> list[tuple[int, int]]:
@@ -170,10 +163,8 @@ class Study(Displayed):
     def as_dict(self) -> dict[str, Any]:
         """Rows of the tables but `runs`, and the guide's values, for a JSON file."""
         guide = self.guide
-        return {
-            "summary": self.summary.to_dict("records"),
-            "paired": self.paired.to_dict("records"),
-            "effort": self.effort.to_dict("records"),
+        tables = {name: getattr(self, name) for name in ("summary", "paired", "effort")}
+        return {name: table.to_dict("records") for name, table in tables.items()} | {
             "guide": {
                 "risk": guide.risk,
                 "survival": guide.survival,
@@ -303,16 +294,8 @@ def _study(posed: PosedStudy, seed: int, results: Mapping[str, list[Runs]]) -> S
         states, seconds = sum(b.states for b in batches), sum(b.seconds for b in batches)
         effort.append({"policy": name, "states": states, "seconds": seconds})
     runs = pd.concat(tables, ignore_index=True)
-    return Study(
-        posed.scenario,
-        posed.guide,
-        seed,
-        summarise(runs),
-        paired_table(runs),
-        runs,
-        pd.DataFrame(effort),
-        trajectories,
-    )
+    tables_of_runs = summarise(runs), paired_table(runs), runs, pd.DataFrame(effort)
+    return Study(posed.scenario, posed.guide, seed, *tables_of_runs, trajectories)
 
 
 def runs_needed(

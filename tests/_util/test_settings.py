@@ -38,6 +38,8 @@ def test_records_are_equal_to_plain_keywords(guide: csw.Guide, tmp_path: Path) -
         csw.estimate(PAPER, "naive", 20, guide=guide, tolerance=0.2, max_states=50),
     ]
     assert estimates[0].success == estimates[1].success
+    planned = csw.plan(PAPER, certify=False, search="local", execution=execution)
+    assert np.array_equal(planned.positions, guide.positions)
     saved = csw.Execution(checkpoint=tmp_path, workers=1)
     study = csw.simulate(PAPER, "naive", 20, guide=guide, execution=saved)
     assert study.runs.equals(csw.simulate(PAPER, "naive", 20, guide=guide).runs)
@@ -57,10 +59,10 @@ CALLS: dict[str, Callable[..., Any]] = {
     "success_gradient": partial(csw.success_gradient, PAPER, POLICY),
     "simulate": partial(csw.simulate, SINGLE, ["naive"], 5),
     "compare": partial(csw.compare, "quick", ["ipopt"], count=1),
+    "plan": partial(csw.plan, SINGLE),
     "plan_swarm": partial(csw.plan_swarm, SINGLE),
 }
 REPORTING = {name: call for name, call in CALLS.items() if name != "success_gradient"}
-REPORTING["plan"] = partial(csw.plan, SINGLE)
 
 
 @pytest.mark.parametrize("name", CALLS)

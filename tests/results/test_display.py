@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import casswarm as csw
 from casswarm._util.display import Displayed
 from casswarm.figures import THEMES
-from casswarm.results.notebook_display import html, picture, view
+from casswarm.results.notebook_display import html, view
 
 RESULTS = {
     "Scenario": lambda scenario, guide: scenario,
@@ -108,4 +108,3 @@ def test_every_displayed_type_has_table_and_picture():
     assert {t.__name__ for t in types} == set(RESULTS)
     for kind in types:
         assert view.dispatch(kind) is not view.dispatch(object)
-        assert picture.dispatch(kind) is not picture.dispatch(object)
