@@ -128,6 +128,20 @@ def test_file_names_are_unique_and_valid() -> None:
 # --- what is not of the study
 
 
+def test_checkpoint_keeps_records_with_lost_inputs(tmp_path: Path) -> None:
+    with Checkpoint(tmp_path, {"runs": 1}) as store:
+        store.save("one", {"x": np.zeros(1)})
+    (tmp_path / "checkpoint" / "inputs.json").write_text("{")
+    for choice in ("error", "resume"):
+        with (
+            pytest.raises(CheckpointError, match="--overwrite"),
+            Checkpoint(tmp_path, {"runs": 1}, choice),
+        ):
+            pass
+    with Checkpoint(tmp_path, {"runs": 1}, if_exists="overwrite") as store:
+        assert store.names() == []
+
+
 @pytest.mark.parametrize("arrays", [b"", b"no archive", b"PK\x05\x06" + bytes(18)])
 def test_checkpoint_load_of_forged_record_is_none(tmp_path: Path, arrays: bytes) -> None:
     with Checkpoint(tmp_path, INPUTS) as store:
@@ -151,6 +165,18 @@ def test_checkpoint_ignores_record_of_other_inputs_or_of_another_name(tmp_path: 
     with Checkpoint(tmp_path / "1", {"seed": 1}, if_exists="resume") as store:
         assert store.load("one") is not None
         assert store.load("two") is None
+
+
+@pytest.mark.parametrize("choice", ["error", "resume", "overwrite"])
+def test_checkpoint_keeps_foreign_files(tmp_path: Path, choice: IfExists) -> None:
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "checkpoint" / "thesis.tex").write_text("years of work")
+    with (
+        pytest.raises(CheckpointError, match=r"thesis\.tex"),
+        Checkpoint(tmp_path, INPUTS, choice),
+    ):
+        pass
+    assert (tmp_path / "checkpoint" / "thesis.tex").read_text() == "years of work"
 
 
 @pytest.mark.parametrize("name", ["thesis.npz", "notes.txt", "finished", "folder"])

@@ -1,9 +1,7 @@
 """Policies, rates and solvers of a notebook's cell in other processes."""
 
-import subprocess
-import sys
-
 import pytest
+from commands import python
 
 HEAD = """
 import casadi as ca
@@ -46,12 +44,4 @@ assert set(table["solver"]) == {"renamed"} and table["solved"].all(), table
     "name", ["policy", *(pytest.param(k, marks=pytest.mark.slow) for k in CELLS if k != "policy")]
 )
 def test_code_of_a_cell_runs_in_other_processes(name, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", HEAD + CELLS[name]],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    python("-c", HEAD + CELLS[name], folder=tmp_path)

@@ -23,6 +23,16 @@ import casswarm as csw
 from casswarm._util.child import done_jobs
 from casswarm.errors import WorkerError
 
+FATAL = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """Folder with a scenario and a policy of one's own."""
+    csw.save_scenario(SMALL, tmp_path / "small.toml")
+    shutil.copy(slow_policy.__file__, tmp_path)
+    return tmp_path
+
 
 def test_done_jobs_yields_indices_and_results() -> None:
     jobs = [lambda value=value: value**2 for value in range(5)]
@@ -30,12 +40,6 @@ def test_done_jobs_yields_indices_and_results() -> None:
     with ThreadPoolExecutor(2) as pool:
         assert dict(done_jobs(jobs, pool)) == {0: 0, 1: 1, 2: 4, 3: 9, 4: 16}
         assert pool.submit(int).result() == 0  # it was not shut down
-
-
-@pytest.mark.parametrize("workers", [0, -1, 1.5, None, "two"])
-def test_wrong_workers_raise(workers: object) -> None:
-    with pytest.raises(ValueError, match="or an executor"):
-        csw.sweep(SMALL, GRID, [toward], runs=2, workers=workers)  # type: ignore[arg-type]
 
 
 def test_executor_gives_same_tables_as_one_process() -> None:
@@ -76,11 +80,8 @@ def test_error_of_job_is_raised_unchanged() -> None:
 
 
 @pytest.mark.slow
-def test_command_reports_dead_workers_with_exit_code_1(tmp_path: Path) -> None:
-    csw.save_scenario(SMALL, tmp_path / "small.toml")
-    shutil.copy(slow_policy.__file__, tmp_path)
-    fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
-    done = casswarm(tmp_path, *fatal, "--workers", 2, code=1)
+def test_command_reports_dead_workers_with_exit_code_1(small: Path) -> None:
+    done = casswarm(small, *FATAL, "--workers", 2, code=1)
     assert "a worker process died, and the next one too" in done.stderr
 
 
@@ -144,30 +145,24 @@ def test_dask_with_dead_worker_gives_same_tables(cluster: str) -> None:
 
 
 @pytest.mark.slow
-def test_sweep_command_runs_on_dask_cluster(cluster: str, tmp_path: Path) -> None:
-    csw.save_scenario(SMALL, tmp_path / "small.toml")
-    arguments = ("sweep", "small.toml", "--runs", 9, "--set", "n=1,2,3", "--policy", "leader")
-    for name, more in (("here", []), ("there", ["--dask", cluster])):
-        casswarm(tmp_path, *arguments, "--out", name, *more)
-    here, there = ((tmp_path / name / "sweep.csv").read_bytes() for name in ("here", "there"))
-    assert here == there
+@pytest.mark.parametrize(
+    ("command", "options", "tables"),
+    [
+        ("sweep", ("--runs", 9, "--set", "n=1,2,3"), ["sweep.csv"]),
+        ("simulate", ("--runs", 50, "--policy", "naive"), ["runs.csv", "summary.csv"]),
+    ],
+)
+def test_command_runs_on_dask_cluster(
+    cluster: str, small: Path, command: str, options: tuple[object, ...], tables: list[str]
+) -> None:
+    arguments = (command, "small.toml", "--policy", "leader", *options)
+    casswarm(small, *arguments, "--out", "here")
+    casswarm(small, *arguments, "--out", "there", "--dask", cluster)
+    for table in tables:
+        assert (small / "here" / table).read_bytes() == (small / "there" / table).read_bytes()
 
 
 @pytest.mark.slow
-def test_simulate_command_runs_on_dask_cluster(cluster: str, tmp_path: Path) -> None:
-    csw.save_scenario(SMALL, tmp_path / "small.toml")
-    arguments = ["simulate", "small.toml", "--runs", 50, "--policy", "leader", "--policy", "naive"]
-    for name, more in (("here", []), ("there", ["--dask", cluster])):
-        casswarm(tmp_path, *arguments, "--out", name, *more)
-    for table in ("runs.csv", "summary.csv"):
-        here, there = ((tmp_path / name / table).read_bytes() for name in ("here", "there"))
-        assert here == there
-
-
-@pytest.mark.slow
-def test_command_reports_lost_cluster_with_exit_code_1(cluster: str, tmp_path: Path) -> None:
-    csw.save_scenario(SMALL, tmp_path / "small.toml")
-    shutil.copy(slow_policy.__file__, tmp_path)
-    fatal = ("simulate", "small.toml", "--policy", "slow_policy:fatal", "--runs", 4)
-    done = casswarm(tmp_path, *fatal, "--dask", cluster, code=1)
+def test_command_reports_lost_cluster_with_exit_code_1(cluster: str, small: Path) -> None:
+    done = casswarm(small, *FATAL, "--dask", cluster, code=1)
     assert "the executor lost its workers" in done.stderr

@@ -1,11 +1,13 @@
 """Temporary files of killed processes are removed by the next; all others are kept."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from commands import python
 
 from casswarm._util import files as temporary
 
@@ -23,14 +25,8 @@ os.kill(os.getpid(), getattr(signal, sys.argv[2])) if len(sys.argv) > 2 else Non
 
 def make(folder: Path, *ending: str) -> list[str]:
     """Files that a process sees, which makes two and then ends."""
-    done = subprocess.run(
-        [sys.executable, "-c", MAKE, folder, *ending],
-        env=os.environ | {"TMPDIR": str(folder)},
-        capture_output=True,
-        text=True,
-        check=not ending,
-    )
-    return done.stdout.split()
+    code = -signal.SIGKILL if ending else 0
+    return python("-c", MAKE, folder, *ending, code=code, TMPDIR=str(folder)).stdout.split()
 
 
 def test_files_are_removed_at_end_of_process(tmp_path: Path) -> None:
@@ -72,8 +68,7 @@ def test_compiled_code_of_killed_process_is_removed_where_code_is_generated(tmp_
     abandoned = tmp_path / f"casswarm-{temporary._HOST}-{dead_process()}-x"
     abandoned.mkdir()
     code = "from casswarm.compiled import generated_module\ngenerated_module('number = 3')\n"
-    environment = {"TMPDIR": str(tmp_path), "CASSWARM_CACHE": str(tmp_path / "cache")}
-    subprocess.run([sys.executable, "-c", code], env=os.environ | environment, check=True)
+    python("-c", code, TMPDIR=str(tmp_path), CASSWARM_CACHE=str(tmp_path / "cache"))
     assert not abandoned.exists()
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import python
 from sweep_cases import SMALL
 
 import casswarm as csw
@@ -22,9 +21,7 @@ EIGHT_THREADS = Path(__file__).parents[1] / "helpers" / "eight_threads.py"
 
 
 def run_threads(repeats: int, seconds: int) -> None:
-    command = [sys.executable, EIGHT_THREADS, str(repeats), str(seconds)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
+    python(EIGHT_THREADS, repeats, seconds)
 
 
 @pytest.mark.slow

@@ -5,8 +5,8 @@ from __future__ import annotations
 import matplotlib as mpl
 import numpy as np
 import pytest
-from browser import opened, references
 from commands import casswarm
+from devtools import opened, references
 from figure_cases import GUIDE, RUN, SCENARIO
 from matplotlib.animation import FuncAnimation
 from matplotlib.colors import to_rgb
@@ -215,14 +215,3 @@ def test_animate_with_html_writes_one_file(folder, tmp_path):
 )
 def test_animate_with_wrong_options_is_explained(folder, options, message):
     assert message in casswarm(folder.parent, "animate", folder.name, *options, code=2).stderr
-
-
-def test_animate_of_no_results_folder_suggests_what_it_takes(tmp_path):
-    done = casswarm(tmp_path, "animate", ".", code=2)
-    assert "expected one written by casswarm simulate, such as results/sim" in done.stderr
-
-
-def test_animate_of_another_command_is_refused(tmp_path):
-    (tmp_path / "run.json").write_text('{"command": "plan"}')
-    done = casswarm(tmp_path, "animate", ".", code=2)
-    assert "casswarm plan, which saves no trajectories" in done.stderr

@@ -1,4 +1,4 @@
-"""The command casswarm compare: interrupted by Ctrl-C, resumed, and its report."""
+"""casswarm compare: interrupted by Ctrl-C and resumed, its report, own files and solvers."""
 
 import json
 import os
@@ -7,11 +7,12 @@ import subprocess
 import time
 from pathlib import Path
 
+import casadi as ca
 import pandas as pd
 import pytest
 from commands import CASSWARM, casswarm
 
-pytestmark = pytest.mark.slow  # test_compare_own_problems.py is fast
+import casswarm as csw
 
 OPTIONS = ("compare", "--family", "quick", "--solver", "ipopt", "--solver", "spectral")
 OPTIONS += ("--time-limit", "30", "--copies", "1")  # the limit is for a busy machine
@@ -35,6 +36,7 @@ def compared(tmp_path_factory):
     return folder, saved, error, casswarm(folder, *OPTIONS)
 
 
+@pytest.mark.slow
 def test_compare_continues_after_ctrl_c(compared):
     folder, saved, error, _ = compared
     assert "repeat the same command" in error
@@ -45,6 +47,7 @@ def test_compare_continues_after_ctrl_c(compared):
     assert len(runs[keys].drop_duplicates()) == len(runs) == 40
 
 
+@pytest.mark.slow
 def test_compare_prints_table_per_family_and_start(compared):
     out = compared[3].stdout
     for title in ("guides, cold", "guides, warm", "formations, cold", "formations, warm"):
@@ -56,6 +59,7 @@ def test_compare_prints_table_per_family_and_start(compared):
     assert "probability" in out
 
 
+@pytest.mark.slow
 def test_compare_ranks_every_applicable_solver(compared):
     results = compared[0] / "results" / "compare"
     ranking = pd.read_csv(results / "ranking.csv")
@@ -65,6 +69,7 @@ def test_compare_ranks_every_applicable_solver(compared):
     assert "without copies" in set(sensitivity["criterion"])
 
 
+@pytest.mark.slow
 def test_compare_folder_contains_tables_figures_and_report(compared):
     results = compared[0] / "results" / "compare"
     record = json.loads((results / "run.json").read_text())
@@ -85,6 +90,7 @@ def test_compare_folder_contains_tables_figures_and_report(compared):
     assert applicable["solved"].all()
 
 
+@pytest.mark.slow
 def test_plot_draws_figure_of_comparison_again(compared, tmp_path):
     results = compared[0] / "results" / "compare"
     done = casswarm(tmp_path, "plot", results, "--figure", "bands-guides-cold", "--out", "here")
@@ -94,6 +100,7 @@ def test_plot_draws_figure_of_comparison_again(compared, tmp_path):
     ).read_bytes()
 
 
+@pytest.mark.slow
 def test_compare_report_is_self_contained(compared):
     results = compared[0] / "results" / "compare"
     text = (results / "report.md").read_text()
@@ -128,35 +135,63 @@ def test_compare_against_an_earlier_comparison_states_agreement(tmp_path):
     assert len(pd.read_csv(tmp_path / "results/compare/iterates.csv")) == 0
 
 
-def test_compare_against_refuses_before_the_work(compared, tmp_path):
+@pytest.mark.slow
+def test_compare_refuses_folder_of_other_results(compared):
     done = casswarm(compared[0], *OPTIONS, "--against", "results/compare", code=2)
     assert "is the folder of the results" in done.stderr
-    done = casswarm(tmp_path, *OPTIONS, "--against", "nowhere", code=2)
-    assert "nowhere holds no comparison" in done.stderr
-    assert not (tmp_path / "results").exists()
-    (tmp_path / "file").touch()
-    both = ("--out", "file/results", "--against", "nowhere")
-    assert "nowhere holds no comparison" in casswarm(tmp_path, *OPTIONS, *both, code=2).stderr
-
-
-def test_compare_rejects_folder_of_other_inputs(compared):
     done = casswarm(compared[0], *OPTIONS, "--seed", 5, code=2)
     assert "belongs to other inputs" in done.stderr
     assert "seed: 0 there, 5 now" in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--family", "guide"), "did you mean 'guides'?"),
-        (("--solver", "ipop"), "did you mean 'ipopt'?"),
-        (("--time-limit", "0"), "--time-limit"),
-        (("--copies", "-1"), "--copies"),
-    ],
-)
-def test_compare_invalid_option_exits_with_2(tmp_path, options, message):
-    assert message in casswarm(tmp_path, "compare", *options, code=2).stderr
+# --- files and solvers of one's own
+
+MODULE = """
+from dataclasses import dataclass
+from casswarm.solvers import Ipopt
+
+@dataclass(frozen=True)
+class Mine(Ipopt):
+    name = "mine"
+
+"""
+X = ca.SX.sym("x", 2)
 
 
-def test_help_shows_an_example(tmp_path):
-    assert "casswarm compare --family quick" in casswarm(tmp_path, "compare", "--help").stdout
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "my_module.py").write_text(MODULE)
+    (tmp_path / "files").mkdir()
+    for name in ("one", "two"):
+        problem = csw.Problem.from_casadi({"x": X, "f": ca.sumsqr(X - 1)}, name)
+        problem.to_nl(tmp_path / "files" / f"{name}.nl")
+    (tmp_path / "files" / "cut.nl").write_text("g3 1 1 0\n 2 0 1\n")
+    return tmp_path
+
+
+def test_compare_solves_files_with_own_solver(folder):
+    options = ("--solver", "ipopt", "--solver", "my_module:Mine", "--time-limit", 60)
+    done = casswarm(folder, "compare", "--problems", "files", *options, "--no-figures")
+    assert (
+        "left out: files/cut.nl, line 2: the file ends too early: is it truncated?" in done.stderr
+    )
+    assert "files, given start, 2 problems" in done.stdout
+    runs = pd.read_csv(folder / "results" / "compare" / "runs.csv")
+    assert sorted(set(runs["solver"])) == ["ipopt", "mine"]
+    assert runs["solved"].all()
+
+
+@pytest.mark.slow
+def test_compare_solves_problems_of_scenarios(folder):
+    options = ("--solver", "ipopt", "--count", 1, "--time-limit", 60, "--policy", "leader")
+    done = casswarm(folder, "compare", "single-agent", "wall", *options, "--no-figures")
+    for family in ("single-agent guides", "wall guides", "wall formations"):
+        assert f"{family}, cold start, 1 problem" in done.stdout
+
+
+def test_compare_to_which_no_solver_applies_is_refused(folder):
+    options = ("--problems", "files", "--solver", "spectral")
+    done = casswarm(folder, "compare", *options, code=2)
+    reason = "none of the solvers is applicable to any of the problems; spectral: "
+    assert reason in done.stderr
+    assert not (folder / "results" / "compare" / "runs.csv").exists()

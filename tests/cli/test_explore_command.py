@@ -4,26 +4,13 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 from contextlib import contextmanager
 from http import HTTPStatus
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
 import pytest
-from commands import CASSWARM, casswarm
-
-WITHOUT = """
-import sys
-sys.modules["websockets"] = sys.modules["anywidget"] = None
-import casswarm as csw
-from casswarm.cli import main
-try:
-    csw.explore(csw.load_scenario("paper-1"))
-except csw.ExtraError as error:
-    print(error)
-main(["explore", "--no-browser"], prog_name="casswarm")
-"""
+from commands import CASSWARM
 
 
 @contextmanager
@@ -71,30 +58,3 @@ def test_page_needs_token_and_own_host_and_ends_with_interrupt(tmp_path):
         assert process.returncode == 0
         assert "Traceback" not in said
         assert said.endswith("ended\n")
-
-
-def test_missing_extra_names_command_that_installs_it(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert done.stdout == "csw.explore needs anywidget: pip install 'casswarm[explore]'\n"
-    assert done.stderr == (
-        "Error: casswarm explore needs websockets: pip install 'casswarm[explore]'\n"
-    )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (("nowhere",), "no scenario 'nowhere'"),
-        (("paper-1", "--policy", "leadr"), "did you mean 'leader'"),
-        (("paper-1", "--out", "kept.toml"), "kept.toml exists"),
-        (("paper-1", "--set", "swarm.v_max=-1"), "swarm.v_max"),
-    ],
-)
-def test_wrong_input_is_refused_before_page_is_served(arguments, reason, tmp_path):
-    (tmp_path / "kept.toml").write_text("kept")
-    done = casswarm(tmp_path, "explore", "--no-browser", *arguments, code=2)
-    assert reason in done.stderr
-    assert (tmp_path / "kept.toml").read_text() == "kept"

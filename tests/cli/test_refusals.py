@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import shlex
 
+import casadi as ca
 import pytest
-from click.testing import CliRunner
+from commands import casswarm, contents, with_hazard
 
-from casswarm.cli import main
+import casswarm as csw
 
 PAIR = "--set swarm.positions='[[0.0, 0.0], [0.4, 0.1]]' --set time.t_f=8.0"
 NAN = "Invalid value for '{}': nan is not a finite number."
@@ -36,10 +37,78 @@ REFUSED = [
     ("sweep paper-1 --set rho", "KEY=V1,V2"),
     ("sweep paper-1 --set formation.rho=0:1", "START:STOP:COUNT"),
     ("sweep paper-1 --set formation.rho=0:1:3:log", "above 0 for log"),
+    (
+        "sweep paper-1 --set n=1:3:6",
+        "n takes whole numbers, not 1.4; choose a COUNT that gives whole numbers, such as n=1:3:3, "
+        "or list the numbers, n=V1,V2,...",
+    ),
+    ("sweep paper-1 --set n=1:7:5", "such as n=1:7:4,"),
+    ("sweep paper-1 --set n=0.5:3:2", "n takes whole numbers, not 0.5"),
+    ("sweep paper-1 --set guide.iterations=1:2:3", "guide.iterations takes whole numbers, not 1.5"),
+    ("sweep paper-1 --set formation.rho=inf:1:3", "START and STOP are finite numbers"),
+    ("sweep paper-1 --set formation.rho=0.1:nan:3", "START and STOP are finite numbers"),
+    (
+        "sweep paper-1 --set formation.rho=0.1:0.2:1000000000000",
+        "COUNT is a whole number from 1 to 1000",
+    ),
     ("sweep paper-1 --set n=1 --exact --runs 2", "give one of them"),
     ("sweep paper-1 --set n=1,2 --exact --runs 5", "give one of them"),
     ("sweep paper-1 --set n=1,2 --policy no_such:policy", "cannot import the module"),
     ("scenarios show nowhere.toml", "nowhere.toml"),
+    # files
+    ("plot nowhere", "is not a folder: expected one written by casswarm plan"),
+    ("animate files", "expected one written by casswarm simulate, such as results/sim"),
+    ("animate planned", "casswarm plan, which saves no trajectories"),
+    ("explore nowhere --no-browser", "no scenario 'nowhere'"),
+    ("explore paper-1 --no-browser --out kept.toml", "kept.toml exists"),
+    ("scenarios new kept.toml", "--force"),
+    ("scenarios check rates.toml --allow-code", "SystemExit: sys.exit(0) (rates.py:4)"),
+    ("compare none.toml", "none.toml"),
+    ("compare --problems none.nl", "none.nl: No such file or directory"),
+    ("compare --problems files/cut.nl", "files/cut.nl, line 2: the file ends too early"),
+    ("compare --family quick --against nowhere", "nowhere holds no comparison"),
+    (
+        "compare --family quick --against nowhere --out files/one.nl/results",
+        "nowhere holds no comparison",
+    ),
+    # code of one's own
+    ("compare --solver my_module:number", "'my_module:number' is not derived from"),
+    ("compare --solver my_module:none", "has no function 'none'"),
+    ("compare --solver nothing:Mine", "cannot import the module 'nothing'"),
+    (
+        "simulate single-agent --policy quits:policy",
+        "cannot import the module 'quits' of 'quits:policy': SystemExit: sys.exit(0) (quits.py:2)",
+    ),
+    (
+        "simulate single-agent --policy my_module:odd --runs 2",
+        "'a$x_{$': figures and files need printable characters",
+    ),
+    # misspelt names
+    ("compare --family guide", "did you mean 'guides'?"),
+    ("compare --solver ipop", "did you mean 'ipopt'?"),
+    ("explore paper-1 --no-browser --policy leadr", "did you mean 'leader'"),
+    ("reproduce --only table-3", "'table-3' is unknown; did you mean 'table-2'? (known: table-1, "),
+    *(
+        (f"{command} {option}", message)
+        for command in (
+            "simulate single-agent",
+            "evaluate single-agent",
+            "sweep single-agent --set formation.rho=0.1,0.2",
+        )
+        for option, message in (
+            ("--policy leeder", "policy 'leeder' is unknown; did you mean 'leader'"),
+            ("--solver spectrall", "solver 'spectrall' is unknown; did you mean 'spectral'"),
+        )
+    ),
+    # numbers out of range
+    ("compare --time-limit 0", "--time-limit"),
+    ("compare --copies -1", "--copies"),
+    ("explore paper-1 --no-browser --set swarm.v_max=-1", "swarm.v_max"),
+    ("evaluate single-agent --aggregation-tol 1", "aggregation_tol = 1; allowed: 0, or from"),
+    (
+        f"plan-swarm paper-1 {PAIR} --min-distance 2",
+        "members start 0.412311 apart; choose a smaller distance",
+    ),
     # numbers that are none
     ("plan single-agent --gap nan", NAN.format("--gap")),
     ("plan single-agent --time-limit nan", NAN.format("--time-limit")),
@@ -57,6 +126,13 @@ REFUSED = [
     ("simulate single-agent --resume --overwrite", "--resume and --overwrite: give one of them"),
     ("sweep single-agent --resume --overwrite", "--resume and --overwrite: give one of them"),
     # options without effect
+    ("plan paper-1 --solver projected-gradient --search global", "do not apply"),
+    (
+        "compare --problems files --count 2",
+        "--count does not apply: all problems are those",
+    ),
+    ("compare --policy leader", "--policy does not apply: no scenario is given"),
+    ("compare --allow-code", "--allow-code does not apply: no scenario is given"),
     (
         "plan single-agent --no-certify --gap 0.1",
         "Error: --gap does not apply: no bound is computed",
@@ -97,11 +173,48 @@ REFUSED = [
 ]
 
 
+PLANNED_FIRST = (
+    "evaluate large-swarm --tolerance 0",
+    "evaluate single-agent --aggregation-tol 1",
+    f"plan-swarm paper-1 {PAIR} --min-distance 2",
+)
+MODULE = """
+from casswarm import as_policy
+
+number = 3
+odd = as_policy(lambda *_: 0, name="a$x_{$")
+"""
+RATES = """
+import sys
+def leaving(positions, alive):
+    sys.exit(0)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Files that commands are given."""
+    folder = tmp_path_factory.mktemp("given")
+    (folder / "my_module.py").write_text(MODULE)
+    (folder / "quits.py").write_text("import sys\nsys.exit(0)\n")
+    (folder / "rates.py").write_text(RATES)
+    scenario = csw.load_scenario("single-agent")
+    (folder / "rates.toml").write_text(with_hazard(scenario.to_toml(), 'kind = "rates:leaving"'))
+    (folder / "kept.toml").write_text("kept")
+    (folder / "planned").mkdir()
+    (folder / "planned" / "run.json").write_text('{"command": "plan"}')
+    (folder / "files").mkdir()
+    (folder / "files" / "cut.nl").write_text("g3 1 1 0\n 2 0 1\n")
+    x = ca.SX.sym("x", 2)
+    csw.Problem.from_casadi({"x": x, "f": ca.sumsqr(x - 1)}, "one").to_nl(folder / "files/one.nl")
+    return folder
+
+
 @pytest.mark.parametrize(("line", "message"), REFUSED, ids=[line for line, _ in REFUSED])
-def test_wrong_input_is_explained_with_exit_code_2(tmp_path, monkeypatch, line, message):
-    monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(main, shlex.split(line))
-    assert done.exit_code == 2
+def test_wrong_input_is_explained_with_exit_code_2(folder, line, message):
+    before = contents(folder)
+    done = casswarm(folder, *shlex.split(line), code=2)
     assert message in done.stderr
+    assert ("optimizing" in done.stderr) == (line in PLANNED_FIRST)
     assert not done.stdout
-    assert not list(tmp_path.iterdir())
+    assert contents(folder) == before

@@ -87,13 +87,6 @@ def test_reproduced_tables_equal_those_in_repository(quick):
         assert text == (CHECKED_IN / f"{name}.csv").read_text()
 
 
-def test_reproduce_with_unknown_part_lists_known(tmp_path):
-    done = casswarm(tmp_path, "reproduce", "--only", "table-3", code=2)
-    assert "--only 'table-3' is unknown" in done.stderr
-    assert "table-2" in done.stderr
-    assert not (tmp_path / "results").exists()
-
-
 def test_report_in_repository_follows_from_tables():
     """The text of README.md follows from the tables beside it."""
 

@@ -1,12 +1,13 @@
 """casswarm scenarios and scenario files of a user."""
 
+import json
 import re
 import tomllib
 
 import pytest
-from commands import casswarm
+from commands import casswarm, with_hazard
 
-from casswarm import Scenario
+from casswarm import Scenario, load_scenario, save_scenario
 from casswarm.scenario.validation import known_keys
 
 
@@ -54,10 +55,8 @@ def test_new_leaves_out_no_parameters_that_are_given(own_rates):
     assert "valid" in casswarm(own_rates, "scenarios", "check", "two.toml", "--allow-code").stdout
 
 
-def test_new_overwrites_a_file_only_with_force(tmp_path):
+def test_new_overwrites_a_file_with_force(tmp_path):
     (tmp_path / "mine.toml").write_text("mine")
-    assert "--force" in casswarm(tmp_path, "scenarios", "new", "mine.toml", code=2).stderr
-    assert (tmp_path / "mine.toml").read_text() == "mine"
     casswarm(tmp_path, "scenarios", "new", "mine.toml", "--force")
     assert "[swarm]" in (tmp_path / "mine.toml").read_text()
 
@@ -80,12 +79,9 @@ def own_rates(tmp_path):
         "def rate(positions, alive, strength):\n"
         "    return strength / (1 + (positions[:, 0] - 4) ** 2 + (positions[:, 1] - 4) ** 2)\n"
     )
-    casswarm(tmp_path, "scenarios", "new", "own.toml", "--from", "single-agent")
-    text = (tmp_path / "own.toml").read_text()
-    before, _, after = text.partition("[hazard]")
-    _, _, guide = after.partition("[guide]")
-    hazard = '[hazard]\nkind = "mine:rate"\n[hazard.parameters]\nstrength = 2.0\n\n'
-    (tmp_path / "own.toml").write_text(f"{before}{hazard}[guide]{guide}")
+    lines = 'kind = "mine:rate"\n[hazard.parameters]\nstrength = 2.0'
+    text = load_scenario("single-agent").to_toml()
+    (tmp_path / "own.toml").write_text(with_hazard(text, lines))
     return tmp_path
 
 
@@ -98,3 +94,26 @@ def test_plan_with_own_rates_names_the_missing_bound(own_rates):
 def test_simulate_with_own_rates_on_two_workers_succeeds(own_rates):
     done = casswarm(own_rates, "simulate", "own.toml", "--allow-code", "--runs", 20, "--workers", 2)
     assert "leader" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("hazard.radars=[[6, 3.1], [6, 3.1]]", "the same point: their rates are added"),
+        ("hazard.radars=[[8, 6]]", "lies in the target zone"),
+        ("swarm.positions=[[0, 0], [0, 0]]", "collide from the start"),
+    ],
+)
+def test_questionable_scenario_is_warned_of(tmp_path, setting, words):
+    values = dict(text.split("=") for text in ("target.center=[8, 6]", setting))
+    scenario = load_scenario("paper-2").with_values(
+        {key: json.loads(value) for key, value in values.items()}
+    )
+    save_scenario(scenario, tmp_path / "mine.toml")
+    assert words in casswarm(tmp_path, "scenarios", "check", "mine.toml").stderr
+
+
+def test_questionable_setting_is_warned_of(tmp_path):
+    setting = "hazard.radars=[[2, 1.5], [2, 1.5]]"
+    done = casswarm(tmp_path, "plan", "single-agent", "--set", setting, "--no-certify")
+    assert "the same point: their rates are added" in done.stderr

@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 from doc_blocks import blocks, is_printed, near, run
 from figure_cases import GUIDE, SCENARIO
+from glossary import TERMS, unexplained
 
 import casswarm
 from casswarm import as_policy, simulate
 from casswarm.figures import guide_map
+from casswarm.policies import POLICIES
 
 ROOT = Path(__file__).resolve().parents[2]
 GENERATED = {"_build", "notebooks"}  # by sphinx-build
@@ -87,6 +89,22 @@ def test_relative_links_of_page_resolve(page: Path) -> None:
         if anchor:
             headings = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.M)
             assert anchor in map(slug, headings), f"{page.name} links {link}"
+
+
+# --- glossary; the columns that commands write are in tests/cli/test_every_command.py
+
+
+def test_glossary_has_every_public_name() -> None:
+    assert sorted(set(casswarm.__all__) - TERMS) == []
+
+
+def test_glossary_has_every_policy() -> None:
+    names = {re.sub(r"mpc-\d+", "mpc-H", name) for name in POLICIES}
+    assert sorted(names - TERMS) == []
+
+
+def test_glossary_has_every_column_of_kept_results() -> None:
+    assert unexplained((ROOT / "results").glob("p*/*.csv")) == {}
 
 
 # --- docstrings

@@ -3,12 +3,11 @@
 import re
 import runpy
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import click
 import pytest
+from commands import python
 
 from casswarm.cli import main
 
@@ -59,12 +58,5 @@ def test_code_on_page_runs(tmp_path):
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
     assert len(blocks) == 2
     (tmp_path / "code.py").write_text("\n".join(blocks))
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "code.py"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    python("code.py", folder=tmp_path)
     assert (tmp_path / "formation.pdf").read_bytes().startswith(b"%PDF")

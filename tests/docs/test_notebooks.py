@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import python
 
 pytestmark = pytest.mark.slow
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
-NOTEBOOK = NOTEBOOKS / "04_solver_comparison.py"
-
-# not as a script, which the solvers' processes would import and run again
-RUN = f"""
-exec(compile(open({str(NOTEBOOK)!r}, encoding="utf-8").read(), "solver_comparison", "exec"))
+CLAIMS = {
+    "04_solver_comparison": """
 import numpy as np
 
 runs, summary = comparison.runs, comparison.summary
 assert len(runs) == 2 * 5 * 2 * len(solvers), "problems of a kind, kinds, starts"
 applicable = runs[runs["applicable"]]
-assert set(runs.loc[~runs["applicable"], "family"]) == {{"guides"}}, "which are no product sets"
+assert set(runs.loc[~runs["applicable"], "family"]) == {"guides"}, "which are no product sets"
 
 # claims of the text
 best = applicable[applicable["solver"].isin(["ipopt", "spectral"])]
@@ -35,27 +30,9 @@ fastest = fraction_at(profile, 1.0)
 assert fastest["spectral"] + fastest["projected-gradient"] > 0.9, "the left end is speed"
 mean = times.where(np.isfinite(times)).mean()
 assert mean["spectral"] < mean["ipopt"], "evaluations are not time"
-assert set(failures(runs)["solver"]) >= {{"projected-gradient"}}
+assert set(failures(runs)["solver"]) >= {"projected-gradient"}
 assert "## Answer" in report.markdown()
-print("done", len(runs))
-"""
-
-
-def test_solver_comparison_supports_its_text(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", RUN],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=500,
-        env=os.environ | {"MPLBACKEND": "agg"},
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == "done 80"
-
-
-CLAIMS = {
+""",
     "01_quickstart": """
 assert guide.survival < around.survival <= around.survival_bound
 rates = study.summary.set_index("policy")["success"]
@@ -113,29 +90,13 @@ assert bracket.high <= float(csw.success_bound(barricade)), "the oracle of both"
 
 @pytest.mark.parametrize("name", CLAIMS)
 def test_notebook_supports_its_text(name: str, tmp_path: Path) -> None:
+    # not as a script, which the processes of solvers would import and run again
     text = (NOTEBOOKS / f"{name}.py").read_text(encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", f"{text}\n{CLAIMS[name]}"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        env=os.environ | {"MPLBACKEND": "agg"},
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    python("-c", f"{text}\n{CLAIMS[name]}", folder=tmp_path, MPLBACKEND="agg")
 
 
 def test_paper_notebook_runs(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "error", NOTEBOOKS / "02_paper.py"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=500,
-        env=os.environ | {"MPLBACKEND": "agg"},
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    done = python(NOTEBOOKS / "02_paper.py", folder=tmp_path, MPLBACKEND="agg")
     assert "leader: success between 0.999" in done.stdout
 
 

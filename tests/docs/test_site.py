@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from html import unescape
 from pathlib import Path
 from types import ModuleType
 
 import click
 import pytest
+from commands import python
 
 import casswarm
 from casswarm.cli import main
@@ -26,16 +25,9 @@ ROOT = Path(__file__).resolve().parents[2]
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Site built without executing notebooks, which .ci/run does."""
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
-    command += ["-D", "nb_execution_mode=off", "-d", str(folder / "trees")]
-    done = subprocess.run(
-        [*command, "docs", str(folder / "html")],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    options = ("-q", "-W", "--keep-going", "-b", "html", "-D", "nb_execution_mode=off")
+    places = ("-d", folder / "trees", "docs", folder / "html")
+    python("-W", "default", "-m", "sphinx", *options, *places, folder=ROOT)
     return folder / "html"
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from typing import Any
 
 import gymnasium
@@ -113,21 +111,6 @@ def test_parallel_env_with_wrong_actions_raises() -> None:
         env.step(actions | {"member_2": np.array([0.0, np.nan])})
     with pytest.raises(csw.EnvError, match="render_mode = 'human'"):
         SwarmParallelEnv(SMALL, render_mode="human")
-
-
-@pytest.mark.parametrize("package", ["gymnasium", "pettingzoo"])
-def test_missing_extra_is_named(package: str) -> None:
-    code = (
-        "import sys, importlib.util as util\n"
-        "find = util.find_spec\n"
-        f"util.find_spec = lambda name, *a: None if name == {package!r} else find(name, *a)\n"
-        "import casswarm\n"
-        "try:\n    from casswarm.envs import SwarmParallelEnv\n"
-        "except casswarm.ExtraError as error:\n    print(error, error.extra)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    expected = f"the package {package} is not installed: pip install 'casswarm[rl]' rl\n"
-    assert done.stdout == expected
 
 
 def test_swarm_of_one_without_radars_nearby_arrives() -> None:

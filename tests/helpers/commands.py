@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import select
 import subprocess
 import sys
@@ -11,8 +12,10 @@ from pathlib import Path
 
 CASSWARM = Path(sys.executable).parent / "casswarm"
 PNG = b"\x89PNG\r\n\x1a\n"  # first bytes of a PNG file
+SIMULATION = ("simulate", "paper-1", "--runs", 40, "--seed", 5)
+SMALL_SIMULATION = ("simulate", "single-agent", "--runs", 5, "--policy", "naive")
 
-_TIMEOUT = 300  # seconds
+_TIMEOUT, _PROGRAM_TIMEOUT = 300, 900  # seconds
 
 
 def python(*arguments, code=0, folder=None, timeout=_TIMEOUT, **environment):
@@ -56,13 +59,34 @@ def casswarm(folder, *arguments, code=0, failing=()):
 
 def casswarm_program(folder, *arguments, code=0):
     """The same by the installed program, in a process that has imported nothing."""
+    return _program(CASSWARM, *arguments, folder=folder, code=code, PYTHONWARNINGS="error")
+
+
+def python(*arguments, folder=None, code=0, **environment):
+    """The same of Python, with warnings as errors."""
+    return _program(
+        sys.executable, "-W", "error", *arguments, folder=folder, code=code, **environment
+    )
+
+
+def contents(folder):
+    """Content of every file below a folder."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def with_hazard(text, lines):
+    """Text of a scenario whose section of the hazard has these lines."""
+    return re.sub(r"\[hazard\].*?\[guide\]", f"[hazard]\n{lines}\n\n[guide]", text, flags=re.DOTALL)
+
+
+def _program(*command, folder, code, **environment):
     done = subprocess.run(
-        [CASSWARM, *map(str, arguments)],
+        list(map(str, command)),
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=_TIMEOUT,
-        env=os.environ | {"PYTHONWARNINGS": "error"},
+        timeout=_PROGRAM_TIMEOUT,
+        env=os.environ | environment,
         check=False,
     )
     return _checked(done, code)

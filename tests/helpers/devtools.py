@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import base64
 import json
+import re
+import shutil
 import subprocess
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
-from browser import browser
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 _OPTIONS = (
     "--headless=new",
@@ -140,10 +144,6 @@ class Page:
         )
         self.call("Emulation.setTouchEmulationEnabled", enabled=True)
 
-    def dark(self):
-        feature = {"name": "prefers-color-scheme", "value": "dark"}
-        self.call("Emulation.setEmulatedMedia", features=[feature])
-
     def screenshot(self, path, selector="html"):
         """Write a picture of an element as PNG."""
         box = self.value(f"document.querySelector({selector!r}).getBoundingClientRect().toJSON()")
@@ -151,8 +151,13 @@ class Page:
         picture = self.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
         Path(path).write_bytes(base64.b64decode(picture["data"]))
 
-    def close(self):
-        self.call("Page.close")
+
+def browser():
+    """The path of a Chromium; the test is skipped without one."""
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip(f"no browser: none of {', '.join(NAMES)} is on the PATH")
+    return found
 
 
 @contextmanager
@@ -190,3 +195,39 @@ def _page_address(port):
     with urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
         targets = json.load(answer)
     return next(target["webSocketDebuggerUrl"] for target in targets if target["type"] == "page")
+
+
+_SEEN = """(() => {
+  %s
+  return {
+    images: Array.from(document.images, (i) => [i.naturalWidth, i.naturalHeight, i.alt]),
+    wide: document.documentElement.scrollWidth - window.innerWidth,
+    answer: window.answer,
+  };
+})()"""
+
+
+def opened(page, folder, script="", width=1200):
+    """What the page, a text, is like once it is loaded; `script` may set ``window.answer``."""
+    file = folder / "opened.html"
+    file.write_text(page, "utf-8")
+    with opened_page(folder, width) as chromium:
+        chromium.open(file.as_uri())
+        chromium.wait("location.protocol === 'file:' && document.readyState === 'complete'")
+        seen = chromium.value(_SEEN % script)
+        own = ("data:", "chrome:", file.as_uri())  # chrome: of the empty page before
+        asked = [url for url in chromium.requests if not url.startswith(own)]
+        return seen | {"mistakes": chromium.errors, "requests": asked}
+
+
+def references(page):
+    """Addresses that a page would load or link beside those within it, and calls that load."""
+    own = re.sub(r"""["'](data:|#)[^"']*["']""", "''", page)
+    scripts = "".join(re.findall(r"<script.*?</script>", own, re.S))
+    plain = re.sub(r"(<script[^>]*>).*?</script>", r"\1", own, flags=re.S)
+    loads = re.findall(
+        r"""\s(?:src|href|action|poster|srcset|data)\s*=\s*["']?([^"'\s>]+)""", plain
+    )
+    styles = re.findall(r"url\(([^)]*)\)|@import\s+([^;]+)", plain)
+    calls = re.findall(r"https?:|fetch\(|XMLHttpRequest|import\(|WebSocket|sendBeacon", scripts)
+    return [*loads, *(part for pair in styles for part in pair if part), *calls]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import cloudpickle
 import numpy as np
 import pytest
@@ -163,20 +160,3 @@ def test_jax_function_is_traced_for_few_sizes_and_once_for_all_steps():
             policy.with_parameters([step]).velocities(step, *states(batch, 1))
     assert len(traced) == 5  # 1, 2, 4, 8 and 16 states
     assert jnp.ones(1).dtype == "float32"  # elsewhere
-
-
-@pytest.mark.parametrize("package", ARRAYS)
-def test_missing_package_is_named(package):
-    code = (
-        "import importlib.util as util\n"
-        "find = util.find_spec\n"
-        f"util.find_spec = lambda name, *a: None if name == {package!r} else find(name, *a)\n"
-        "import casswarm as csw\n"
-        "scenario = csw.load_scenario('alley')\n"
-        "try:\n"
-        f"    csw.ParametricPolicy(lambda *s: s[1], [1.0], scenario, framework={package!r})\n"
-        "except csw.ExtraError as error:\n    print(error, error.extra)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    expected = f"the package {package} is not installed: pip install 'casswarm[{package}]'"
-    assert done.stdout == f"{expected} {package}\n"

@@ -23,7 +23,6 @@ from parametric_cases import (
 from small_scenarios import DT, patrolled, single_agent_rate_by_hand, small
 
 import casswarm as csw
-from casswarm.errors import PolicyCallError, PolicyError
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
@@ -201,26 +200,3 @@ def test_nobody_arrives_and_gradient_is_zero():
     found = gradient(scene(2), steered(scene(2)), 0.0 * START)
     assert found.success.high == found.objective == 0.0
     assert (found.gradient == 0).all()
-
-
-def test_errors_say_what_is_wrong():
-    scenario = scene(2)
-    policy = steered(scenario)
-    with pytest.raises(PolicyError, match=r"takes a ParametricPolicy, not str: make one"):
-        csw.success_gradient(scenario, "leader")
-    with pytest.raises(PolicyError, match="other members or limits"):
-        csw.success_gradient(scene(3), policy)
-    with pytest.raises(PolicyError, match="has 15 parameters, not 2"):
-        csw.success_gradient(scenario, policy, [1.0, 2.0])
-    with pytest.raises(ValueError, match="tolerance = 1; allowed"):
-        gradient(scenario, policy, tolerance=1)
-    with pytest.raises(ValueError, match="max_states = 0; allowed"):
-        gradient(scenario, policy, max_states=0)
-    with pytest.raises(ValueError, match=r"arrival_smoothing = 0.6; allowed: .* radius, 0.5"):
-        gradient(scenario, policy, arrival_smoothing=0.6)
-
-    def rooted(_step, positions, *others):
-        return others[-1][0] + 0.01 * ca.sqrt(positions)
-
-    with pytest.raises(PolicyCallError, match="derivative at step 4 that is not finite"):
-        gradient(scenario, csw.ParametricPolicy(rooted, [1.2], scene(2)))

@@ -56,19 +56,6 @@ def test_guide_problems_are_those_of_the_search(scenario) -> None:
     assert solution.status.success
 
 
-def test_scenario_problems_reject_policies_without_problems_and_counts(scenario) -> None:
-    for name in ("naive", "joint", "joint-replanning"):
-        with pytest.raises(csw.ComparisonError, match=f"policy '{name}' poses no formation"):
-            csw.formation_problems(scenario, ["leader", name], runs=2)
-    still = csw.as_policy(lambda *state: 0 * state[1], name="still")
-    with pytest.raises(csw.ComparisonError, match="policy 'still': no problem was posed"):
-        csw.formation_problems(scenario, still, runs=1)
-    with pytest.raises(csw.ComparisonError, match="'single-agent' has a single member"):
-        csw.formation_problems(csw.load_scenario("single-agent"))
-    with pytest.raises(csw.ComparisonError, match="count = 0; allowed"):
-        csw.guide_problems(scenario, 0)
-
-
 def test_comparison_profile_and_report_of_own_problems(formations, tmp_path: Path) -> None:
     named = csw.Problem.from_casadi({"x": X, "f": ca.sumsqr(X - 1)}, "bowl", x0=3)
     named.to_nl(tmp_path / "bowl.nl")

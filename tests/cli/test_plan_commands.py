@@ -1,4 +1,4 @@
-"""casswarm plan as a user runs it."""
+"""casswarm plan and plan-swarm as a user runs them, and the success bound of other commands."""
 
 import json
 import re
@@ -11,17 +11,18 @@ from commands import PNG, casswarm
 from casswarm import load_scenario
 from casswarm.cli.plan import _limits
 
+PAIR = ("paper-1", "--set", "swarm.positions=[[0.0, 0.0], [0.4, 0.1]]", "--set", "time.t_f=8.0")
+BOUND = re.compile(r"no policy can exceed (0\.\d+) \((?:level game|independent clocks)\)\n")
 
-@pytest.fixture(scope="module")
-def planned(tmp_path_factory):
+
+@pytest.fixture
+def planned(finished):
     """Results folder of paper-1, and what was printed."""
-    folder = tmp_path_factory.mktemp("plan")
-    done = casswarm(folder, "plan", "paper-1")
-    return folder / "results" / "plan-paper-1", done.stdout
+    return finished("plan", "paper-1")
 
 
 def test_plan_prints_survival_residuals_and_solves(planned):
-    text = planned[1]
+    text = planned[1].stdout
     assert "survival 0.045" in text
     assert "no guide can exceed 0.71" in text
     assert "limited to a local search and arrival at the last step: --search global" in text
@@ -36,11 +37,6 @@ def test_plan_says_what_limited_its_search():
     assert texts == [
         "limited to arrival at the last step: --arrival any may find a better path",
     ]
-
-
-def test_plan_help_refers_to_all_solvers(tmp_path):
-    text = " ".join(casswarm(tmp_path, "plan", "--help").stdout.split())
-    assert "--solver TEXT Solver of the guide problem; casswarm solvers lists them." in text
 
 
 def test_plan_writes_tables_figure_and_record(planned):
@@ -124,13 +120,61 @@ def test_projected_gradient_at_iteration_limit_is_compared(tmp_path):
     assert table.loc["global search", "gap"] < 0.01 < table.loc["projected gradient", "gap"]
 
 
-def test_projected_gradient_with_search_option_is_refused(tmp_path):
-    options = ("--solver", "projected-gradient", "--search", "global")
-    assert "do not apply" in casswarm(tmp_path, "plan", "paper-1", *options, code=2).stderr
-
-
 def test_impossible_plan_fails_with_exit_code_1(tmp_path):
     settings = ("--set", "swarm.velocity=[-2.0, -2.0]", "--set", "guide.a_max=0.0001")
     done = casswarm(tmp_path, "plan", "paper-1", *settings, code=1)
     assert "no guide found" in done.stderr
     assert not (tmp_path / "results").exists()
+
+
+# --- plan-swarm
+
+
+def test_plan_swarm_prints_success_and_bound(tmp_path):
+    printed = casswarm(tmp_path, "plan-swarm", *PAIR, "--seed", "3").stdout
+    line = " ".join(printed.split())
+    reported = re.search(r"success (0\.\d+) .*no policy can exceed (0\.\d+)", line)
+    assert reported
+    assert 0.5 < float(reported[1]) < float(reported[2]) < 1.0
+    assert "formation" in printed
+    assert "alive at the end" in printed
+    folder = tmp_path / "results" / "plan-swarm-paper-1"
+    assert (folder / "joint.png").read_bytes().startswith(PNG)
+    record = json.loads((folder / "run.json").read_text())
+    result = record["result"]
+    low, high = result["success"]
+    assert low <= result["value"] <= high <= result["success_bound"]["bound"]
+    assert len(result["success_bound"]["risks"]) == 2
+    assert record["inputs"]["seed"] == 3
+    survival = pd.read_csv(folder / "joint.csv")["survival"]
+    assert len(survival) == 2 * len(result["positions"])
+    assert survival.iloc[-1] < survival[0] == 1.0
+    assert len(pd.read_csv(folder / "outcomes.csv")) == len(result["outcomes"])
+
+
+@pytest.mark.slow
+def test_plan_swarm_of_a_large_swarm_is_estimated(tmp_path):
+    positions = json.dumps([[0.1 * i, 0.1 * (i % 3)] for i in range(11)])
+    settings = ("--set", f"swarm.positions={positions}", "--set", "hazard.alpha_1=30.0")
+    settings += ("--set", "time.t_f=7.0")
+    printed = casswarm(tmp_path, "plan-swarm", "paper-1", *settings, "--time-limit", "1").stdout
+    assert "by the mean field" in " ".join(printed.split())
+    assert "95% confidence" in printed
+    record = tmp_path / "results" / "plan-swarm-paper-1" / "run.json"
+    estimate = json.loads(record.read_text())["result"]["estimate"]
+    assert 0 <= estimate["success_low"] < estimate["success_high"] <= 1
+
+
+@pytest.mark.slow
+def test_evaluate_and_simulate_print_the_success_bound(tmp_path):
+    for command in (
+        ("evaluate", *PAIR, "--policy", "naive", "--runs", "100"),
+        ("simulate", *PAIR, "--policy", "naive", "--runs", "10"),
+    ):
+        done = casswarm(tmp_path, *command)
+        printed_bound = BOUND.search(done.stdout)
+        assert printed_bound, done.stdout
+        record = tmp_path / "results" / f"{command[0]}-paper-1" / "run.json"
+        bound = json.loads(record.read_text())["result"]["success_bound"]
+        assert bound["certified"]
+        assert bound["bound"] <= float(printed_bound[1]) <= bound["bound"] + 1e-4

@@ -1,4 +1,6 @@
-"""The page of a simulation: complete, true, in one file, and the same in a browser as on paper."""
+"""The pages of a simulation and a sweep: complete, true, in one file, and the same in a browser as
+on paper.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,8 @@ from html import unescape
 
 import pandas as pd
 import pytest
-from browser import opened, references
 from commands import casswarm
+from devtools import opened, references
 
 from casswarm import CheckpointError, load_scenario
 from casswarm.results import ResultsFolder, simulation_page
@@ -19,20 +21,36 @@ from casswarm.studies import paired_texts, summary_texts
 SETTING = "formation.rho=0.04"
 COMMAND = ("simulate", "single-agent", "--runs", "60", "--seed", "3", "--set", SETTING)
 COMMAND += ("--policy", "naive", "--policy", "leader", "--report", "--out", "a <b> & c")
+SWEEP = ("sweep", "single-agent", "--set", "hazard.alpha_1=1,2,4", "--set", "swarm.v_max=0.1,2.0")
+SWEEP += ("--policy", "naive", "--policy", "leader", "--report", "--no-figures", "--out", "out")
+
+
+def reported(where, *command):
+    """Results folder, the last word, of a command that writes a page, and the page."""
+    assert "report.html" in casswarm(where, *command).stderr
+    folder = where / command[-1]
+    return folder, (folder / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A folder in which the command above was run."""
-    where = tmp_path_factory.mktemp("report")
-    done = casswarm(where, *COMMAND)
-    assert "report.html" in done.stderr
-    return where / "a <b> & c"
+def simulated(tmp_path_factory):
+    return reported(tmp_path_factory.mktemp("report"), *COMMAND)
+
+
+@pytest.fixture
+def folder(simulated):
+    return simulated[0]
+
+
+@pytest.fixture
+def page(simulated):
+    return simulated[1]
 
 
 @pytest.fixture(scope="module")
-def page(folder):
-    return (folder / "report.html").read_text(encoding="utf-8")
+def swept(tmp_path_factory):
+    """No target is reached at v_max = 0.1."""
+    return reported(tmp_path_factory.mktemp("sweep"), *SWEEP)
 
 
 def plain(page):
@@ -144,3 +162,55 @@ def test_page_fits_in_a_browser(page, tmp_path, width):
         assert natural_width > 300
         assert natural_height > 100
     assert found["wide"] <= 0  # only tables scroll sideways, in their own frames
+
+
+# --- a sweep
+
+CHOOSE = """
+const move = (k, value) => {
+  const slider = document.querySelectorAll("#settings input")[k];
+  slider.value = value; slider.dispatchEvent(new Event("input"));
+};
+const cells = () => Array.from(document.querySelectorAll("#rows tr"), (row) =>
+  Array.from(row.cells, (cell) => cell.textContent));
+const first = cells();
+move(0, 2); move(1, 1);
+const axis = document.getElementById("axis");
+axis.value = 1; axis.dispatchEvent(new Event("change"));
+window.answer = {
+  first, last: cells(),
+  values: Array.from(document.querySelectorAll("#settings output"), (o) => o.textContent),
+  marks: document.querySelectorAll("#chart circle").length,
+};
+"""
+
+
+def shown(row):
+    return f"{row['success_low']:.4f} to {row['success_high']:.4f}"
+
+
+def test_page_of_sweep_names_command_and_points(swept):
+    _, page = swept
+    assert references(page) == []
+    assert "--set hazard.alpha_1=1,2,4" in page
+    assert re.search(r"at the 12 points of a sweep: proven bounds", page)
+
+
+@pytest.mark.slow  # a browser
+def test_sliders_show_numbers_of_table(swept, tmp_path):
+    folder, page = swept
+    probe = opened(page, tmp_path, CHOOSE)
+    assert probe["mistakes"] == probe["requests"] == []
+    answer, table = probe["answer"], pd.read_csv(folder / "sweep.csv")
+    assert [float(value) for value in answer["values"]] == [4, 2]
+    for cells, at in ((answer["first"], (1, 0.1)), (answer["last"], (4, 2))):
+        rows = table[(table["hazard.alpha_1"] == at[0]) & (table["swarm.v_max"] == at[1])]
+        assert [row[0] for row in cells] == list(rows["policy"])
+        for (_, success, *_), row in zip(cells, rows.to_dict("records"), strict=True):
+            assert success == (shown(row) if row["status"] == "ok" else row["reason"])
+    assert answer["marks"] == 2 + 2  # of the legend; two policies at v_max = 2
+
+
+@pytest.mark.slow
+def test_page_of_sweep_fits_a_phone(swept, tmp_path):
+    assert opened(swept[1], tmp_path, width=500)["wide"] <= 0

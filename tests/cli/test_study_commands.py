@@ -1,4 +1,4 @@
-"""casswarm simulate as a user runs it."""
+"""casswarm simulate, evaluate and sweep as a user runs them."""
 
 import json
 from itertools import combinations
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from commands import casswarm
+from commands import PNG, SIMULATION, casswarm
 
 CHECKPOINT = "checkpoint"  # folder from which simulate resumes
 RESULTS = Path("results") / "simulate-paper-1"
@@ -14,11 +14,11 @@ POLICIES = ("naive", "constrained", "leader")
 NAIVE = ("simulate", "paper-1", "--policy", "naive")
 
 
-@pytest.fixture(scope="module")
-def simulated(tmp_path_factory):
-    """Folder of a small study, and what was printed."""
-    folder = tmp_path_factory.mktemp("simulate")
-    return folder, casswarm(folder, "simulate", "paper-1", "--runs", 40, "--seed", 5).stdout
+@pytest.fixture
+def simulated(finished):
+    """Results folder of a small study, and what was printed."""
+    folder, done = finished(*SIMULATION)
+    return folder, done.stdout
 
 
 def test_simulate_prints_success_with_intervals(simulated):
@@ -35,7 +35,7 @@ def test_simulate_prints_success_with_intervals(simulated):
 
 
 def test_simulate_notes_counts_that_are_not_zero(simulated):
-    counts = pd.read_csv(simulated[0] / RESULTS / "summary.csv").set_index("policy")
+    counts = pd.read_csv(simulated[0] / "summary.csv").set_index("policy")
     notes = simulated[1].split("\n\n")[1].splitlines()[4:]
     steps = counts.loc["constrained", "infeasible"]
     assert f"constrained: {steps} infeasible steps (no feasible velocity)" in notes
@@ -44,7 +44,7 @@ def test_simulate_notes_counts_that_are_not_zero(simulated):
 
 
 def test_simulate_writes_tables_figures_and_record(simulated):
-    results = simulated[0] / RESULTS
+    results = simulated[0]
     assert {path.name for path in results.iterdir()} == {
         "summary.csv",
         "paired.csv",
@@ -104,15 +104,13 @@ def test_second_simulate_removes_files_of_the_first(tmp_path):
 def test_same_seed_with_two_workers_gives_same_files(simulated, tmp_path):
     casswarm(tmp_path, "simulate", "paper-1", "--runs", 40, "--seed", 5, "--workers", 2)
     for name in ("runs.csv", "summary.csv"):
-        assert (tmp_path / RESULTS / name).read_bytes() == (
-            simulated[0] / RESULTS / name
-        ).read_bytes()
+        assert (tmp_path / RESULTS / name).read_bytes() == (simulated[0] / name).read_bytes()
 
 
 @pytest.mark.slow
 def test_another_seed_gives_other_runs(simulated, tmp_path):
     casswarm(tmp_path, *NAIVE, "--runs", 40, "--seed", 6)
-    first = pd.read_csv(simulated[0] / RESULTS / "runs.csv").query("policy == 'naive'")
+    first = pd.read_csv(simulated[0] / "runs.csv").query("policy == 'naive'")
     second = pd.read_csv(tmp_path / RESULTS / "runs.csv")
     assert not (first["steps"].to_numpy() == second["steps"].to_numpy()).all()
 
@@ -154,3 +152,73 @@ def test_dask_address_without_scheduler_is_one_line(tmp_path, address):
     done = casswarm(tmp_path, "simulate", "single-agent", *options, code=1)
     assert done.stderr.startswith(f"Error: no Dask scheduler answers at {address}: ")
     assert done.stderr.count("\n") == 1
+
+
+# --- evaluate
+
+
+def test_evaluate_bounds_every_policy_and_writes_tables(tmp_path):
+    done = casswarm(
+        tmp_path, "evaluate", "paper-1", "--policy", "naive", "--policy", "leader", "--quiet"
+    )
+    results = tmp_path / "results" / "evaluate-paper-1"
+    laws = pd.read_csv(results / "distributions.csv")
+    assert list(laws["policy"]) == ["naive", "leader"]
+    assert ((laws["success_high"] - laws["success_low"]).between(0, 1e-3)).all()
+    # the paper's 50 runs, Wilson 95 %: 0.32 and 0.68
+    assert 0.208 < laws["success_low"][0] < laws["success_high"][0] < 0.458
+    assert 0.542 < laws["success_low"][1] < laws["success_high"][1] < 0.792
+    assert f"{laws['success_low'][0]:.6f} to" in done.stdout
+    assert (results / "arrival.png").read_bytes().startswith(PNG)
+    arrival = pd.read_csv(results / "arrival.csv")
+    assert arrival["leader"].sum() == pytest.approx(laws["success_low"][1], rel=1e-9)
+
+
+def test_evaluate_with_few_states_gives_advice(tmp_path):
+    done = casswarm(
+        tmp_path, "evaluate", "paper-1", "--policy", "leader", "--max-states", "10", "--quiet"
+    )
+    assert "allow more states (--max-states" in " ".join(done.stdout.split())
+
+
+@pytest.mark.slow
+def test_evaluate_with_runs_samples_residual_mass(tmp_path):
+    options = ("--policy", "leader", "--max-states", 100, "--runs", 50)
+    done = casswarm(tmp_path, "evaluate", "paper-1", *options)
+    assert "with 95% confidence; proven bounds:" in " ".join(done.stdout.split())
+    estimate = pd.read_csv(tmp_path / "results" / "evaluate-paper-1" / "estimates.csv").iloc[0]
+    assert estimate["enumerated_low"] <= estimate["success_low"] < estimate["success_high"]
+    assert estimate["success_high"] <= estimate["enumerated_high"]
+
+
+# --- sweep
+
+
+@pytest.mark.slow
+def test_sweep_command_draws_lines_and_heat_map(tmp_path):
+    grid = ("--set", "hazard.alpha_1=1:100:3:log", "--set", "n=1,2")
+    done = casswarm(tmp_path, "sweep", "paper-1", *grid, "--policy", "naive", "--tolerance", 0.01)
+    folder = tmp_path / "results" / "sweep-paper-1"
+    for name in ("over-hazard-alpha_1.png", "over-n.png", "heat-map.png"):
+        assert (folder / name).read_bytes().startswith(PNG)
+    table = pd.read_csv(folder / "sweep.csv")
+    assert table["hazard.alpha_1"].tolist() == [1.0, 1.0, 10.0, 10.0, 100.0, 100.0]
+    assert table["n"].tolist() == [1, 2] * 3
+    assert (table["success_high"] - table["success_low"]).max() <= 0.01
+    assert "bounds" in done.stdout
+
+
+def test_sweep_command_without_success_fails(tmp_path):
+    done = casswarm(
+        tmp_path, "sweep", "paper-1", "--set", "formation.rho=-1,-2", "--policy", "naive", code=1
+    )
+    assert "every sweep point failed" in done.stderr
+    assert "formation.rho is -2" in " ".join(done.stdout.split())
+    assert (tmp_path / "results" / "sweep-paper-1" / "sweep.csv").exists()
+
+
+@pytest.mark.slow
+def test_sweep_command_without_scheduler_is_explained(tmp_path):
+    pytest.importorskip("distributed")
+    options = ("--set", "n=1", "--runs", 2, "--dask", "tcp://127.0.0.1:1")
+    assert "Dask" in casswarm(tmp_path, "sweep", "paper-1", *options, code=1).stderr
