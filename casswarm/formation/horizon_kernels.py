@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiled.kernels import allocating_kernel, kernel
+from ..solvers.interior_point.iterate_kernels import KEEP, is_solved, move_multipliers, smaller_mu
 from ..typing import BoolArray, FloatArray, IntArray
 from .face_kernels import copy, largest_component
 from .spectral_kernels import (
@@ -37,9 +38,9 @@ from .trajectory_kernels import (
     add_curvature,
     add_jacobian_transpose,
     factor,
-    jacobian_product,
     max_step_length,
     second_order_terms,
+    slack_changes,
     slacks,
     solve,
 )
@@ -77,7 +78,10 @@ class Problem(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Vectors of slacks (6 k H,) and variables (2 k H,), Newton matrices, and a gradient (2n,)."""
+    """Vectors of slacks (6 k H,) and variables (2 k H,), Newton matrices, and a gradient (2n,).
+
+    `lane` (3, 1) are the arguments of `move_multipliers` that are numbers.
+    """
 
     slack: FloatArray
     trial_slack: FloatArray
@@ -91,6 +95,7 @@ class Workspace(NamedTuple):
     factor: FloatArray
     block: FloatArray
     changed: FloatArray
+    lane: FloatArray
 
 
 @kernel
@@ -195,6 +200,7 @@ def workspace(problem: Problem) -> Workspace:
         band[1],
         np.empty((block, block)),
         np.empty(problem.u.shape[1]),
+        np.empty((3, 1)),
     )
 
 
@@ -244,36 +250,14 @@ def largest_shrinkage(slack: FloatArray, trial_slack: FloatArray) -> float:
 
 @kernel
 def residuals(
-    lagrangian: FloatArray, z: FloatArray, slack: FloatArray, mu: float
-) -> tuple[float, float]:
-    """Largest components of the Lagrangian's gradient, and of z slack - mu."""
-    complementarity = 0.0
+    lagrangian: FloatArray, z: FloatArray, slack: FloatArray
+) -> tuple[float, float, float, float, float]:
+    """Residuals as those of `is_solved`: slacks are exact, and nothing is relative."""
+    least, most = math.inf, -math.inf
     for row in range(z.size):
         if slack[row] < math.inf:
-            complementarity = max(complementarity, abs(z[row] * slack[row] - mu))
-    return largest_component(lagrangian), complementarity
-
-
-@kernel
-def next_mu(mu: float, z: FloatArray, options: Options, work: Workspace) -> tuple[float, bool]:
-    """Reduce the barrier parameter where its equations are solved: (mu, whether converged).
-
-    `residual` holds the Lagrangian's gradient.
-    """
-    stationarity, complementarity = residuals(work.residual, z, work.slack, mu)
-    while (
-        mu > options.mu_final
-        and stationarity <= max(10.0 * mu, options.tolerance)
-        and complementarity <= 10.0 * mu
-    ):
-        mu = max(options.mu_final, min(0.2 * mu, mu**1.5))
-        complementarity = residuals(work.residual, z, work.slack, mu)[1]
-    converged = (
-        mu <= options.mu_final
-        and stationarity <= options.tolerance
-        and complementarity <= 10.0 * mu
-    )
-    return mu, converged
+            least, most = min(least, z[row] * slack[row]), max(most, z[row] * slack[row])
+    return largest_component(lagrangian), least, most, 0.0, 1.0
 
 
 @kernel
@@ -300,7 +284,7 @@ def line_search(
     slope = 0.0
     for c in range(y.size):
         slope += work.residual[c] * work.step[c]
-    reference, fraction, length = barrier(value, work.slack, mu), max(0.99, 1.0 - mu), 1.0
+    reference, fraction, length = barrier(value, work.slack, mu), 1.0 - min(KEEP, mu), 1.0
     for _ in range(TRIALS):
         for c in range(y.size):
             work.trial[c] = y[c] + length * (work.step[c] + length * work.correction[c])
@@ -317,25 +301,13 @@ def line_search(
 
 
 @kernel
-def move_multipliers(z: FloatArray, mu: float, work: Workspace) -> None:
-    """The Newton step of the multipliers, as far as they stay positive, and near mu / slack.
-
-    `rows` holds J times the step.
-    """
-    slack, rows = work.slack, work.rows
-    fraction, length = max(0.99, 1.0 - mu), 1.0
-    for row in range(z.size):
-        if slack[row] < math.inf:
-            dz = (mu + z[row] * rows[row]) / slack[row] - z[row]
-            if dz < 0.0 and -length * dz > fraction * z[row]:
-                length = -fraction * z[row] / dz
-    for row in range(z.size):
-        if slack[row] < math.inf:
-            dz = (mu + z[row] * rows[row]) / slack[row] - z[row]
-            ideal = mu / work.trial_slack[row]
-            z[row] = min(max(z[row] + length * dz, 1e-10 * ideal), 1e10 * ideal)
-        else:
-            z[row] = 0.0
+def move(z: FloatArray, mu: float, work: Workspace) -> None:
+    """Move the multipliers with the slacks, whose changes `rows` are overwritten."""
+    lane, shape = work.lane, (1, z.size, 1)
+    lane[0, 0], lane[1, 0], lane[2, 0] = mu, min(KEEP, mu), 1.0
+    gaps = work.slack.reshape(shape), work.trial_slack.reshape(shape)
+    step, changes = work.rows.reshape(shape), (work.rows.reshape(shape), lane[2])
+    move_multipliers(gaps, lane[0], step[0], lane[1], changes, z.reshape(shape))
 
 
 @allocating_kernel
@@ -359,12 +331,12 @@ def minimise(
         gather(problem, work.gradient)
         copy(work.gradient, work.residual)
         add_jacobian_transpose(y, z, problem.constraints, work.residual)
-        if not (
-            math.isfinite(value) and math.isfinite(residuals(work.residual, z, work.slack, 0.0)[0])
-        ):
+        errors = residuals(work.residual, z, work.slack)
+        if not (math.isfinite(value) and math.isfinite(errors[0])):
             return value, NOT_FINITE
-        mu, converged = next_mu(mu, z, options, work)
-        if converged:
+        mu = smaller_mu(mu, errors, options.mu_final, options.tolerance)
+        done = mu <= options.mu_final and errors[0] <= options.tolerance
+        if done and is_solved(mu, errors, options.tolerance):
             return value, CONVERGED
         assemble(y, z, mu, problem, work)
         counts[1] += problem.columns.size
@@ -372,12 +344,12 @@ def minimise(
         if regularisation < 0.0:
             return value, NOT_FINITE
         counts[0] += 1
-        correct(y, z, max(0.99, 1.0 - mu), problem, work)
+        correct(y, z, 1.0 - min(KEEP, mu), problem, work)
         trial_value, accepted = line_search(y, value, mu, problem, work, counts)
         if not accepted:
             return value, STALLED
-        jacobian_product(y, work.step, problem.constraints, work.rows)
-        move_multipliers(z, mu, work)
+        slack_changes(y, work.step, problem.constraints, work.rows)
+        move(z, mu, work)
         copy(work.trial, y)
         copy(work.trial_slack, work.slack)
         value = trial_value
@@ -477,10 +449,10 @@ def verify(z: FloatArray, problem: Problem) -> tuple[float, float, float]:
     violation, least = largest_violation(slack, problem.constraints), 0.0
     for row in range(z.size):
         least = min(least, z[row])
-    stationarity, complementarity = residuals(lagrangian, z, slack, 0.0)
+    stationarity, smallest, largest, _, _ = residuals(lagrangian, z, slack)
     if not (math.isfinite(value) and math.isfinite(stationarity)) or least < 0.0:
         return value * problem.scale[1], math.inf, math.nan
-    return value * problem.scale[1], violation, max(stationarity, complementarity)
+    return value * problem.scale[1], violation, max(stationarity, largest, -smallest)
 
 
 @allocating_kernel

@@ -119,19 +119,19 @@ def add_jacobian_transpose(
 
 
 @kernel
-def jacobian_product(
+def slack_changes(
     y: FloatArray, step: FloatArray, constraints: Constraints, out: FloatArray
 ) -> None:
-    """Write J times `step` (6 k H,)."""
+    """Write the changes -J `step` of all slacks, to first order (6 k H,)."""
     centers = constraints.centers
     for m in range(constraints.radii.size):
         c, j = 2 * m, ROWS * m
         _vx, _vy, wx, wy = motion(y, constraints, m)
         px, py, ax, ay = motion_change(step, constraints, m)
         dx, dy = y[c] - centers[c], y[c + 1] - centers[c + 1]
-        out[j], out[j + 1], out[j + 2], out[j + 3] = px, py, -px, -py
-        out[j + 4] = 2.0 * (wx * ax + wy * ay)
-        out[j + 5] = 2.0 * (dx * step[c] + dy * step[c + 1])
+        out[j], out[j + 1], out[j + 2], out[j + 3] = -px, -py, px, py
+        out[j + 4] = -2.0 * (wx * ax + wy * ay)
+        out[j + 5] = -2.0 * (dx * step[c] + dy * step[c + 1])
 
 
 @kernel

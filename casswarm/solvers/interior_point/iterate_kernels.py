@@ -21,6 +21,10 @@ EQUALITY, FIXED = 1e8, 1e20
 LARGE = 100.0
 """Mean multiplier from which residuals are relative to it."""
 
+KEEP = 0.01
+"""Fraction of every gap and multiplier that a step keeps, or mu where that is less."""
+
+_SOLVED = 10.0  # residual of a barrier problem that counts as solved, in units of mu
 _NEAR = 1e10  # factor by which a multiplier may differ from mu / gap
 _ROUNDING = 2.0**-50  # relative to y: gaps up to that are rounding error
 _ULP = 2.0**-51  # relative to y: rounding error of its gaps
@@ -80,6 +84,39 @@ def residuals(
 def largest(one: float, two: float) -> float:
     """The larger number; NaN if one is."""
     return one if one > two or math.isnan(one) else two
+
+
+@kernel
+def is_solved(
+    mu: float, errors: tuple[float, float, float, float, float], tolerance: float
+) -> bool:
+    """Return True if a barrier problem is solved; `errors` are those of `residuals`.
+
+    The Lagrangian's gradient need not be below `tolerance`.
+    """
+    dual, least, most, violation, scale = errors
+    limit = _SOLVED * mu
+    complementary = (most - mu) / scale <= limit and (mu - least) / scale <= limit
+    return bool(complementary and dual / scale <= max(limit, tolerance) and violation <= limit)
+
+
+@kernel
+def smaller_mu(
+    mu: float, errors: tuple[float, float, float, float, float], final: float, tolerance: float
+) -> float:
+    """Barrier parameter, reduced as long as its problem is solved, at most to the `final` one."""
+    while mu > final and is_solved(mu, errors, tolerance):
+        mu = max(final, min(0.2 * mu, mu**1.5))
+    return mu
+
+
+@kernel
+def reduce_mu(largest: FloatArray, final: float, mu: FloatArray, reduced: BoolArray) -> None:
+    """Reduce barrier parameters (b,) by the errors (5, b) of `residuals`, and write which were."""
+    for i in range(len(mu)):
+        errors = largest[0, i], largest[1, i], largest[2, i], largest[3, i], largest[4, i]
+        smaller = smaller_mu(mu[i], errors, final, 0.0)
+        reduced[i], mu[i] = smaller < mu[i], smaller
 
 
 @kernel
@@ -158,35 +195,35 @@ def expand(
 
 @kernel
 def move_multipliers(
-    point: tuple[FloatArray, FloatArray, FloatArray],
-    bounds: tuple[FloatArray, FloatArray],
+    gaps: tuple[FloatArray, FloatArray],
+    mu: FloatArray,
     step: FloatArray,
     keep: FloatArray,
     work: tuple[FloatArray, FloatArray],
     z: FloatArray,
 ) -> None:
-    """Move the multipliers z (2, k, b) of the bounds with a step of y, where that was taken.
+    """Move the multipliers z of `gaps` with a step, where that was taken.
 
-    `point` is (y before, y after, mu). A fraction `keep` (b,) of every multiplier is kept. `work`
-    are the changes (2, k, b), and lengths (b,), which are 0 where no step was taken, or 1.
+    Gaps, before and after it, are (1, k, b), or (2, k, b) with those of upper bounds, which the
+    step (k, b) reduces. A fraction `keep` (b,) of every multiplier is kept. `work` are the changes,
+    and lengths (b,), which are 0 where no step was taken, or 1.
     """
-    (before, after, mu), (lower, upper), (changes, lengths) = point, bounds, work
-    batch = before.shape[1]
-    for k in range(len(before)):
-        for i in range(batch):
-            below, above = before[k, i] - lower[k, i], upper[k, i] - before[k, i]
-            one, two = z[0, k, i], z[1, k, i]
-            changes[0, k, i] = (mu[i] - one * step[k, i]) / below - one
-            changes[1, k, i] = (mu[i] + two * step[k, i]) / above - two
-            for side in range(2):
-                change, value = changes[side, k, i], z[side, k, i]
+    (before, after), (changes, lengths) = gaps, work
+    sides, size, batch = z.shape
+    for side in range(sides):
+        sign = 1.0 - 2.0 * side
+        for k in range(size):
+            for i in range(batch):
+                value = z[side, k, i]
+                moved = mu[i] - sign * value * step[k, i]
+                change = moved / before[side, k, i] - value
                 limit = (keep[i] - 1.0) * value / change
                 lengths[i] = min(lengths[i], limit if change < 0.0 else 1.0)
-    for side in range(2):
-        for k in range(len(before)):
+                changes[side, k, i] = change
+    for side in range(sides):
+        for k in range(size):
             for i in range(batch):
-                below, above = after[k, i] - lower[k, i], upper[k, i] - after[k, i]
-                ideal = mu[i] / (below if side == 0 else above)
+                ideal = mu[i] / after[side, k, i]
                 value = z[side, k, i] + lengths[i] * changes[side, k, i]
                 value = min(max(value, ideal / _NEAR), ideal * _NEAR)
                 z[side, k, i] = value if lengths[i] > 0.0 else z[side, k, i]

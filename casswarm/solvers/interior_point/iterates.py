@@ -179,9 +179,6 @@ class Filter(Lanes):
         return np.pad(self.entries, ((0, 0), (0, size - self.entries.shape[1]), (0, 0)))
 
 
-_SOLVED = 10.0  # residual of a barrier problem that counts as solved, in units of mu
-
-
 @dataclass(frozen=True)
 class Options:
     """Tolerances and start of the method.
@@ -324,10 +321,11 @@ class Residuals:
         kernels.residuals((y, z, lam), limits, terms, (gradient, primal), largest)
         return cls(gradient, primal, largest)
 
-    def error(self, mu: FloatArray | float) -> FloatArray:
-        """Largest residual (b,) of the equations with barrier parameters mu."""
+    @property
+    def error(self) -> FloatArray:
+        """Largest residual (b,) of the optimality conditions."""
         dual, least, most, violation, scale = self.largest
-        complementarity = np.maximum(most - mu, mu - least)
+        complementarity = np.maximum(most, -least)
         return np.asarray(np.maximum(np.maximum(dual, complementarity) / scale, violation))
 
     @property
@@ -369,7 +367,7 @@ class Results:
 
     def conclude(self, iterates: Iterates, residuals: Residuals, options: Options) -> BoolArray:
         """Note which iterates are solutions, or not finite; return which (b,)."""
-        error, violation = residuals.error(0.0), residuals.violation
+        error, violation = residuals.error, residuals.violation
         solved = (error <= options.tolerance) & (violation <= options.constraint_tolerance)
         self.end(iterates.rows[solved], Status.SOLVED, "solved")
         broken = ~np.isfinite(error)
@@ -398,11 +396,6 @@ def violations(g: FloatArray, y: FloatArray) -> FloatArray:
 
 def reduce_mu(iterates: Iterates, residuals: Residuals, least: float) -> None:
     """Reduce the barrier parameters of those whose barrier problem is solved."""
-    while True:
-        mu = iterates.mu
-        solved = (mu > least) & (residuals.error(mu) <= _SOLVED * mu)
-        if not solved.any():
-            return
-        smaller = np.maximum(least, np.minimum(0.2 * mu, mu**1.5))
-        iterates.mu = np.where(solved, smaller, mu)
-        iterates.filter.clear(solved)
+    reduced = np.empty(iterates.mu.size, bool)
+    kernels.reduce_mu(residuals.largest, least, iterates.mu, reduced)
+    iterates.filter.clear(reduced)

@@ -19,6 +19,7 @@ from .factors import Factors
 from .iterate_kernels import (
     EQUALITY,
     FIXED,
+    KEEP,
     barrier_terms,
     condense,
     expand,
@@ -176,7 +177,7 @@ class Search:
     def __post_init__(self) -> None:
         now = self.iterates
         self.new = now.y.copy(), now.f.copy(), now.g.copy(), now.barrier.copy()
-        self.keep = np.minimum(0.01, now.mu)
+        self.keep = np.minimum(KEEP, now.mu)
         self.limits = now.bounds.lower, now.bounds.upper
         now.filter.make_room()
 
@@ -241,6 +242,7 @@ class Search:
         """Move the multipliers of the instances that have moved, and write all new values."""
         now, (y, f, g, barrier) = self.iterates, self.new
         work = np.empty_like(now.z), moved.astype(float)
-        move_multipliers((now.y, y, now.mu), self.limits, step, self.keep, work, now.z)
+        gaps = now.bounds.gaps(now.y), now.bounds.gaps(y)
+        move_multipliers(gaps, now.mu, step, self.keep, work, now.z)
         now.lam = np.where(moved, now.lam + self.length * multipliers, now.lam)
         now.y, now.f, now.g, now.barrier = y, f, g, barrier
