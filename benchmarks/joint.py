@@ -32,7 +32,7 @@ from casswarm.nlp.program import Nlp
 from casswarm.policies import JointPolicy, ReplanningPolicy
 from casswarm.problems.joint import JointForm, JointTask, joint_instances
 from casswarm.solvers import Ipopt
-from casswarm.solvers.interior_point.derivatives import NumericDerivatives
+from casswarm.solvers.interior_point.derivatives import Condensation, NumericDerivatives
 
 SCENARIOS = ("paper-1", "paper-2", "ring", "wall", "crossfire", "gauntlet", "single-agent")
 MEMBERS = range(2, 9)
@@ -160,12 +160,12 @@ def newton(quick: bool) -> Iterable[Row]:
         numeric = nlp.attached(NumericDerivatives)
         assert numeric is not None
         problems, rows = numeric.problems(p[None]), np.arange(1)
-        at = problems.linearise(rows, x[None])
-        none, weights = np.zeros((1, nlp.sizes[2])), np.ones((1, len(x) + nlp.sizes[2]))
-        factors = partial(at.factors, none, 1e6 * weights, np.zeros((1, 1)))
+        at = problems.linearise(rows, x[:, None])
+        none, weights = np.zeros((nlp.sizes[2], 1)), np.ones((len(x) + nlp.sizes[2], 1))
+        factors = partial(at.factors, Condensation(none, 1e6 * weights), np.zeros(1))
         matrix = np.eye(len(x)) + 1.0 / len(x)
         times = (
-            median_seconds(partial(problems.linearise, rows, x[None])),
+            median_seconds(partial(problems.linearise, rows, x[:, None])),
             median_seconds(factors),
             median_seconds(partial(np.linalg.cholesky, matrix)),
         )

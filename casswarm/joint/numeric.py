@@ -17,16 +17,18 @@ import numpy as np
 from typing_extensions import override
 
 from .._util.threads import locked_cache
+from ..compiled.kernels import contiguous
 from ..compiled.parallel import execute
 from ..hazard import Hazard, KernelHazard, LocalRates, blocked, set_rates, unblocked
 from ..nlp.program import Nlp
 from ..problems.joint import CERTAIN, TINY, JointForm, joint_nlp
 from ..solvers.interior_point.derivatives import (
+    Condensation,
+    Linearisation,
     NumericDerivatives,
-    NumericProblems,
-    RowLinearisation,
+    Problems,
 )
-from ..solvers.interior_point.factors import Factors
+from ..solvers.interior_point.factors import Factors, shifts_to_try
 from ..typing import FloatArray, IntArray
 from .derivative_kernels import Derivatives, Steps, differentiate
 from .riccati_kernels import Factor, Stages, factorise, solve
@@ -168,7 +170,7 @@ class StageFactors(Factors):
         solution = np.array(right.T, order="C").reshape(self._stages.limits.shape)
         arguments = self._stages, self._factors, solution
         execute(solve, len(solution), arguments, _SOLVED // self._sets)
-        return np.ascontiguousarray(solution.reshape(len(solution), -1).T)
+        return contiguous(solution.reshape(len(solution), -1).T)
 
 
 @locked_cache(maxsize=64)
@@ -182,7 +184,7 @@ def joint_program(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
 
 
 @dataclass(frozen=True, eq=False)
-class JointNumeric(NumericProblems):
+class JointNumeric(Problems):
     """Instances of a joint plan of n members, with parameters (B, np)."""
 
     nlp: Nlp
@@ -196,7 +198,7 @@ class JointNumeric(NumericProblems):
         failure = points.swept(set_rates(self.hazard, points.blocks))[1][:, -1]
         with np.errstate(invalid="ignore"):
             odds = np.log(failure + TINY) - np.log(1.0 - failure + CERTAIN)
-        return odds, points.constraints.values
+        return odds, contiguous(points.constraints.values.T)
 
     @override
     def linearise(self, rows: IntArray, x: FloatArray) -> JointLinearisation:
@@ -204,7 +206,7 @@ class JointNumeric(NumericProblems):
 
     def _points(self, rows: IntArray, x: FloatArray) -> JointPoints:
         p = {name: blocks[rows] for name, blocks in self._parameters.items()}
-        velocities = x.reshape(len(x), -1, self.n, 2)
+        velocities = contiguous(x.T).reshape(len(rows), -1, self.n, 2)
         constraints = Constraints.at(tuple(self.nlp.constraints), velocities, p)
         return JointPoints(self.hazard, constraints, p)
 
@@ -269,7 +271,7 @@ def in_blocks(values: FloatArray) -> FloatArray:
     return blocked(values.reshape(-1, *values.shape[2:]))
 
 
-class JointLinearisation(RowLinearisation):
+class JointLinearisation(Linearisation):
     """Derivatives of b instances at a point each."""
 
     def __init__(self, points: JointPoints) -> None:
@@ -278,31 +280,34 @@ class JointLinearisation(RowLinearisation):
         below, above = 1.0 / (failure + TINY), 1.0 / (1.0 - failure + CERTAIN)
         self._slope, self._bend = below + above, above**2 - below**2  # of the log-odds
         by_velocity = backward_sums(self._steps.gradient)
-        self.gradient = self._slope[:, None] * by_velocity.reshape(len(failure), -1)
+        self.gradient = contiguous((self._slope[:, None] * by_velocity.reshape(len(failure), -1)).T)
 
     @override
     def times(self, vectors: FloatArray) -> FloatArray:
-        return self._constraints.times(vectors.reshape(self._constraints.changes.shape))
+        velocities = contiguous(vectors.T).reshape(self._constraints.changes.shape)
+        return contiguous(self._constraints.times(velocities).T)
 
     @override
     def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        return self._constraints.transposed_times(vectors).reshape(len(vectors), -1)
+        by_velocity = self._constraints.transposed_times(contiguous(vectors.T))
+        return contiguous(by_velocity.reshape(len(by_velocity), -1).T)
 
     @override
-    def factors(
-        self,
-        multipliers: FloatArray,
-        weights: FloatArray,
-        shifts: FloatArray,
-        objective: FloatArray | float = 1.0,
-    ) -> StageFactors:
-        steps, size = self._steps, self.gradient.shape[1]
+    def row_sizes(self) -> FloatArray:
+        size, batch = self._constraints.values.shape[1], self.gradient.shape[1]
+        rows = (np.tile(unit[:, None], batch) for unit in np.eye(size))
+        return np.array([abs(self.transposed_times(row)).max(axis=0, initial=0.0) for row in rows])
+
+    @override
+    def factors(self, terms: Condensation, last: FloatArray) -> StageFactors:
+        steps, size = self._steps, len(self.gradient)
+        multipliers, weights = contiguous(terms.multipliers.T), contiguous(terms.weights.T)
         positions, changes = self._constraints.curvature(multipliers, weights[:, size:])
-        slope, terminal = objective * self._slope, self._last_cost.copy()
+        slope, terminal = terms.objective * self._slope, self._last_cost.copy()
         terminal[:, 0] = 1.0
         positions += slope[:, None, None, None] * steps.hessian
-        limits = np.ascontiguousarray(weights[:, :size]).reshape(steps.gradient.shape)
+        limits = contiguous(weights[:, :size]).reshape(steps.gradient.shape)
         of_law = steps.transitions, steps.by_outcome, steps.by_set
-        of_objective = slope, objective * self._bend
+        of_objective = slope, terms.objective * self._bend
         stages = Stages(*of_law, positions, changes, limits, terminal, *of_objective)
-        return StageFactors(stages, shifts)
+        return StageFactors(stages, shifts_to_try(last))

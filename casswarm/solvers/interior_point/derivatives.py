@@ -1,7 +1,6 @@
 """Evaluation of programs for the method: values, derivatives and condensed matrices, as arrays.
 
-The engine's arrays have instances last, (k, b), so that its loops do an operation for many of them.
-Programs with numeric derivatives of their own have instances first: `RowProblems` is between.
+Arrays have instances last, (k, b), so that the engine's loops do an operation for many of them.
 """
 
 from __future__ import annotations
@@ -64,37 +63,6 @@ class Problems(Protocol):
         """Derivatives at x (nx, b)."""
 
 
-class RowLinearisation(Protocol):
-    """Derivatives of b instances, which are first in every array: see `Linearisation`."""
-
-    gradient: FloatArray
-
-    def times(self, vectors: FloatArray) -> FloatArray:
-        """J v, (b, ng), of vectors v (b, nx)."""
-
-    def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        """J' w, (b, nx), of vectors w (b, ng)."""
-
-    def factors(
-        self,
-        multipliers: FloatArray,
-        weights: FloatArray,
-        shifts: FloatArray,
-        objective: FloatArray | float = 1.0,
-    ) -> Factors:
-        """Factors whose solutions are (nx, b); `shifts` (b, m) are tried in order."""
-
-
-class NumericProblems(Protocol):
-    """Instances of a program, which are first in every array: see `Problems`."""
-
-    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """f (b,) and g (b, ng) at x (b, nx)."""
-
-    def linearise(self, rows: IntArray, x: FloatArray) -> RowLinearisation:
-        """Derivatives at x (b, nx)."""
-
-
 @dataclass(frozen=True, eq=False)
 class NumericDerivatives:
     """Faster derivatives of a program than those of CasADi's functions, attached to it.
@@ -105,51 +73,7 @@ class NumericDerivatives:
         Parameters (B, np) to the instances.
     """
 
-    problems: Callable[[FloatArray], NumericProblems]
-
-
-class RowProblems(Problems):
-    """`Problems` by those with instances first, whose g has `n_rows` entries."""
-
-    def __init__(self, rows_first: NumericProblems, n_rows: int) -> None:
-        self._rows_first, self._n_rows = rows_first, n_rows
-
-    @override
-    def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        f, g = self._rows_first.evaluate(rows, contiguous(x.T))
-        return f, contiguous(g.T)
-
-    @override
-    def linearise(self, rows: IntArray, x: FloatArray) -> Linearisation:
-        at = self._rows_first.linearise(rows, contiguous(x.T))
-        return _TransposedLinearisation(at, self._n_rows)
-
-
-class _TransposedLinearisation(Linearisation):
-    def __init__(self, rows_first: RowLinearisation, n_rows: int) -> None:
-        self._rows_first, self._n_rows = rows_first, n_rows
-        self.gradient = contiguous(rows_first.gradient.T)
-
-    @override
-    def times(self, vectors: FloatArray) -> FloatArray:
-        return contiguous(self._rows_first.times(contiguous(vectors.T)).T)
-
-    @override
-    def transposed_times(self, vectors: FloatArray) -> FloatArray:
-        return contiguous(self._rows_first.transposed_times(contiguous(vectors.T)).T)
-
-    @override
-    def row_sizes(self) -> FloatArray:
-        sizes = np.empty((self._n_rows, self.gradient.shape[1]))
-        for row, units in zip(sizes, np.eye(self._n_rows), strict=True):
-            vectors = np.tile(units, (sizes.shape[1], 1))
-            row[:] = abs(self._rows_first.transposed_times(vectors)).max(axis=1, initial=0.0)
-        return sizes
-
-    @override
-    def factors(self, terms: Condensation, last: FloatArray) -> Factors:
-        rows = contiguous(terms.multipliers.T), contiguous(terms.weights.T)
-        return self._rows_first.factors(*rows, shifts_to_try(last), terms.objective)
+    problems: Callable[[FloatArray], Problems]
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +159,7 @@ def numeric_problems(nlp: Nlp, p: FloatArray) -> Problems:
     """Instances of a program: by its own compiled code, or by its functions."""
     numeric = nlp.attached(NumericDerivatives)
     if numeric is not None:
-        return RowProblems(numeric.problems(p), nlp.sizes[2])
+        return numeric.problems(p)
     return FunctionProblems(program_functions(nlp), p)
 
 
