@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -36,17 +35,9 @@ if TYPE_CHECKING:
     from ..results.folder import ResultsFolder
 
 
-def _percent(value: float) -> str:
-    return "" if isnan(value) else f"{100 * value:.0f} %"
-
-
 def comparison_text(comparison: csw.Comparison) -> str:
     """A table for every family and start."""
-    from ..comparison.report import milliseconds
-
-    def interval(row: dict[Any, Any]) -> str:
-        ends = row["mean_ms_low"], row["mean_ms_high"]
-        return "" if isnan(ends[0]) else " to ".join(map(milliseconds, ends))
+    from ..comparison.report import interval, milliseconds, percent
 
     texts = []
     summary = comparison.ranking.merge(comparison.summary.drop(columns="mean_ms"))
@@ -54,12 +45,12 @@ def comparison_text(comparison: csw.Comparison) -> str:
         rows = [
             {
                 "solver": str(row["solver"]),
-                "solved": _percent(row["solved"]),
-                "best known": _percent(row["best_known"]),
+                "solved": percent(row["solved"]),
+                "best known": percent(row["best_known"]),
                 "mean ms": milliseconds(row["mean_ms"]),
                 "95 %": interval(row),
                 "rank": f"{row['rank']:g}",
-                "probability": _percent(row["probability"]),
+                "probability": percent(row["probability"]),
             }
             for row in part.to_dict("records")
         ]
@@ -201,7 +192,9 @@ def compare(selection: CompareOptions, output: CompareOutput) -> None:
             agreement = job.attempt("agreement", partial(_agreement, folder, comparison, earlier))
             text += f"\n\n{selection.against}: {agreement}" if agreement else ""
         if not output.no_figures:
-            report = job.attempt("the report", partial(_report, comparison))
+            from ..comparison.report import make_report
+
+            report = job.attempt("the report", partial(make_report, comparison))
             if report is not None:
                 job.draw(lambda: dict(report.figures))
                 job.attempt("the report", partial(_write_pages, folder, report))
@@ -248,12 +241,6 @@ def _write_tables(folder: ResultsFolder, comparison: csw.Comparison) -> None:
     names = ("summary", "ranking", "failures")
     result = {name: tables[name].to_dict("records") for name in names}
     folder.write_record(result, comparison.inputs)
-
-
-def _report(comparison: csw.Comparison) -> Report:
-    from ..comparison.report import make_report
-
-    return make_report(comparison)
 
 
 def _write_pages(folder: ResultsFolder, report: Report) -> None:

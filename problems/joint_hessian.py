@@ -32,23 +32,10 @@ def lagrangian_hessian(
 ) -> Expr | None:
     """CasADi Function (x, p, lam_f, lam_g) of the upper triangle that ``hess_lag`` expects.
 
-    Parameters
-    ----------
-    nlp : Nlp
-        With the parameters continues, costs, last_cost and clock.
-    step : Function
-        (F, x, g, c, clock) to S(x) (c + g F).
-    points : MX (2 n, N)
-        X(1), ..., X(N), linear in the variables.
-    values : MX (2^n, N)
-        F_0, ..., F_{N-1}.
-    odds : callable
-        F to the objective.
-
-    Returns
-    -------
-    Function or None
-        None for a step that is not one of scalar operations, as with a user's callback.
+    The program has parameters continues, costs, last_cost and clock; `step` is a Function (F, x, g,
+    c, clock) of S(x) (c + g F); `points` (2 n, N) are X(1), ..., X(N), linear in the variables,
+    `values` (2^n, N) F_0, ..., F_{N-1}, and `odds` takes F to the objective. None for a step that
+    is not one of scalar operations, as with a user's callback.
     """
     if not step.is_a("SXFunction"):
         return None

@@ -150,16 +150,16 @@ def scaled(size: float = 1.0) -> float:
     return size * current_theme().line_scale
 
 
-def single_panel(aspect: float | None = None) -> tuple[Figure, Axes]:
-    """Figure with one axes; `aspect` is its height over its width."""
-    fig, axes = panels(1, 1, aspect)
+def single_panel(aspect: float | None = None, *title: str) -> tuple[Figure, Axes]:
+    """Figure with one axes under a title; `aspect` is its height over its width."""
+    fig, axes = panels(1, 1, aspect, *title)
     return fig, axes[0]
 
 
 def panels(
-    number: int, columns: int, aspect: float | None = None, **options: Any
+    number: int, columns: int, aspect: float | None = None, *title: str, **options: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Figure with a grid of axes, row by row, without pyplot's global state.
+    """Figure with a grid of axes, row by row, and a title, without pyplot's global state.
 
     `options` are those of ``Figure.subplots``.
     """
@@ -167,6 +167,7 @@ def panels(
     height = width * (current_theme().aspect if aspect is None else aspect)
     fig = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(fig)
+    add_title(fig, *title)
     rows = -(-number // columns)
     axes = list(fig.subplots(rows, columns, squeeze=False, **options).ravel())
     for unused in axes[number:]:

@@ -18,7 +18,6 @@ from .._util.figure_style import (
     GREY,
     INK,
     MEMBERS,
-    add_title,
     current_theme,
     despine,
     marker,
@@ -61,7 +60,7 @@ def profile_chart(
     count = len(profiles)
     across = 1 if current_theme().narrow else min(2, count)
     aspect = 0.72 * count if across == 1 else (0.9 / across + 0.04) * -(-count // across)
-    fig, axes = panels(count, across, aspect)
+    fig, axes = panels(count, across, aspect, title)
     names = list(order) or list(next(iter(profiles.values())).columns)
     below, beside = ([text] * count if isinstance(text, str) else text for text in (xlabel, ylabel))
     for i, (panel, (name, profile)) in enumerate(zip(axes, profiles.items(), strict=True)):
@@ -70,7 +69,6 @@ def profile_chart(
         panel.set(xlabel=below[i], ylabel=beside[i])
         if isinstance(xlabel, str):
             panel.label_outer()
-    add_title(fig, title)
     return fig
 
 
@@ -81,14 +79,13 @@ def pair_chart(
     """Performance profiles of pairs of solvers, a panel per pair."""
     columns = min(2 if current_theme().narrow else 4, max(1, len(profiles)))
     aspect = min(0.6, 0.95 / columns + 0.08) * -(-len(profiles) // columns)
-    fig, axes = panels(len(profiles), columns, aspect)
+    fig, axes = panels(len(profiles), columns, aspect, title)
     names = list(order) or sorted({name for pair in profiles for name in pair})
     for panel, profile in zip(axes, profiles.values(), strict=True):
         _curves(panel, profile, names, labels=False)
         panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderpad=0.1, labelspacing=0.2)
     fig.supxlabel("time relative to the faster of the two", fontsize="medium")
     fig.supylabel("fraction of problems", fontsize="medium")
-    add_title(fig, title)
     return fig
 
 
@@ -116,7 +113,7 @@ def band_chart(
     columns = min(2 if theme.narrow else 3, len(profile.columns))
     rows = -(-len(profile.columns) // columns)
     aspect = (0.75 if columns > 1 else 0.5) / columns * rows + 0.06
-    fig, axes = panels(len(profile.columns), columns, aspect, sharex=True, sharey=True)
+    fig, axes = panels(len(profile.columns), columns, aspect, title, sharex=True, sharey=True)
     names = list(order) or list(profile.columns)
     ends = [_steps(table) for table in (profile, *bands)]
     for column, (panel, name) in enumerate(zip(axes, profile.columns, strict=True)):
@@ -134,7 +131,6 @@ def band_chart(
         panel.tick_params(labelbottom=True)
     fig.supxlabel(xlabel, fontsize="medium")
     fig.supylabel("fraction of problems", fontsize="medium")
-    add_title(fig, title)
     return fig
 
 
@@ -142,7 +138,8 @@ def band_chart(
 def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
     """Fraction of problems for which the row's solver is faster than the column's, as a matrix."""
     size = len(wins)
-    fig, axes = single_panel(min(1.1, 0.18 + 0.394 * scaled() * size / current_theme().width))
+    aspect = 0.18 + 0.394 * scaled() * size / current_theme().width
+    fig, axes = single_panel(min(1.1, aspect), title)
     values = wins.to_numpy(dtype=float)
     axes.imshow(np.nan_to_num(values), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
     fontsize = "small" if size <= 6 else "x-small"
@@ -153,7 +150,6 @@ def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
     axes.set_xticks(range(size), list(wins.columns), rotation=30, ha="right")
     axes.set_yticks(range(size), list(wins.index))
     axes.set(xlabel="than this solver", ylabel="this solver is faster")
-    add_title(fig, title)
     return fig
 
 
@@ -270,7 +266,7 @@ def gap_chart(
     theme = current_theme()
     across = 1 if theme.narrow else 2
     lines = 16 if across == 2 else 30
-    fig, axes = panels(2, across, theme.aspect_of(lines + len(names) / 2), sharey=True)
+    fig, axes = panels(2, across, theme.aspect_of(lines + len(names) / 2), title, sharey=True)
     for panel, column, unit in zip(axes, ("iteration", "seconds"), (1.0, 1e3), strict=True):
         for name, part in iterates.groupby("solver", sort=False):
             _path(panel, unit * part[column], part, names.index(str(name)))
@@ -290,7 +286,6 @@ def gap_chart(
     legend = _add_legend(fig, [n for n in names if n in set(iterates["solver"])], names)
     if missing:
         legend.set_title(wrap(f"without iterates: {', '.join(missing)}"))
-    add_title(fig, title)
     return fig
 
 
@@ -333,7 +328,7 @@ def ranking_chart(ranking: pd.DataFrame, title: str = "", order: Sequence[str] =
         All solvers, so that each has the same colour in all figures.
     """
     names = list(order) or list(ranking["solver"])
-    fig, axes = single_panel(current_theme().aspect_of(6 + 1.7 * len(ranking)))
+    fig, axes = single_panel(current_theme().aspect_of(6 + 1.7 * len(ranking)), title)
     for y, row in enumerate(ranking.to_dict("records")):
         color = solver_style(names.index(row["solver"]))["color"]
         ends = row["mean_ms_low"], row["mean_ms_high"]
@@ -353,7 +348,6 @@ def ranking_chart(ranking: pd.DataFrame, title: str = "", order: Sequence[str] =
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlabel("mean solve time in ms, with 95 % interval")
     despine(axes, "x")
-    add_title(fig, title)
     return fig
 
 

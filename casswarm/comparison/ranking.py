@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,14 +85,7 @@ def ranking(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
         the solver is with 95 %. Intervals and probabilities are NaN where there are fewer than
         `FEWEST` independent problems.
     """
-    parts = [
-        rank_solvers(
-            costs(table, family, start, "solve_seconds"), time_limit, family=family
-        ).assign(family=family, start=start)
-        for family, start in _groups(table)
-    ]
-    ranked = pd.concat(parts, ignore_index=True)
-    return ranked[["family", "start", *ranked.columns.drop(["family", "start"])]]
+    return _by_criterion(table, time_limit, 1).drop(columns="criterion")
 
 
 def rank_solvers(
@@ -152,14 +146,7 @@ def rankings_by_criterion(table: pd.DataFrame, time_limit: float) -> pd.DataFram
 
     Columns: family, start, criterion, and those of `ranking` from solver on.
     """
-    parts = [
-        ranked.assign(family=family, start=start, criterion=criterion)
-        for family, start in _groups(table)
-        for criterion, ranked in _variants(table, family, start, time_limit)
-    ]
-    ranked = pd.concat(parts, ignore_index=True)
-    keys = ["family", "start", "criterion"]
-    return ranked[[*keys, *ranked.columns.drop(keys)]]
+    return _by_criterion(table, time_limit)
 
 
 def sensitivity(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
@@ -168,23 +155,26 @@ def sensitivity(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
     Columns: family, start; criterion; first, the solver of rank 1 by it, and probability, of that
     rank; rank, by this criterion, of the solver that is the first by mean solve time.
     """
-    rows = []
-    for family, start in _groups(table):
-        leader = None
-        for criterion, ranked in _variants(table, family, start, time_limit):
-            first = ranked.iloc[0]
-            leader = leader or first["solver"]
-            rows.append(
-                {
-                    "family": family,
-                    "start": start,
-                    "criterion": criterion,
-                    "first": first["solver"],
-                    "probability": first["probability"],
-                    "rank": ranked.loc[ranked["solver"] == leader, "rank"].iloc[0],
-                }
-            )
-    return pd.DataFrame(rows)
+    ranked = _by_criterion(table, time_limit)
+    first = ranked.drop_duplicates(_KEYS[:3], ignore_index=True)
+    leader = first.groupby(_KEYS[:2], sort=False)["solver"].transform("first")
+    rank = first[_KEYS[:3]].assign(solver=leader).merge(ranked)["rank"]
+    shown = first.rename(columns={"solver": "first"})
+    return shown[[*_KEYS[:3], "first", "probability"]].assign(rank=rank)
+
+
+def _by_criterion(table: pd.DataFrame, time_limit: float, most: int | None = None) -> pd.DataFrame:
+    """Ranks by the first `most` criteria, by default all."""
+    parts = [
+        ranked.assign(family=family, start=start, criterion=criterion)
+        for family, start in _groups(table)
+        for criterion, ranked in islice(_variants(table, family, start, time_limit), most)
+    ]
+    ranked = pd.concat(parts, ignore_index=True)
+    return ranked[[*_KEYS[:3], *ranked.columns.drop(_KEYS[:3])]]
+
+
+_KEYS = ["family", "start", "criterion", "solver"]
 
 
 def _variants(
@@ -233,7 +223,6 @@ def _quantiles(held: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 # --- agreement of two comparisons
 
-_KEYS = ["family", "start", "criterion", "solver"]
 _LEFT_OUT = ("problems.", "record_iterates")  # of the inputs that are compared
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,25 +29,19 @@ from .profiles import (
 from .ranking import FEWEST, sampling_units, sensitivity
 from .result import Comparison, saved_tables, typical_problem
 from .run import MAX_SOLVES
-from .verification import SHIFT, by_problem, by_solver, costs, failures, not_applicable
+from .verification import (
+    COUNTS,
+    SHIFT,
+    TESTS,
+    by_problem,
+    by_solver,
+    costs,
+    failures,
+    not_applicable,
+)
 
-
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """A figure that is drawn, in the theme of the context, when it is called.
-
-    `draw` returns it, given `arguments`, its title and the order of all solvers, by which each has
-    the same style in all figures.
-    """
-
-    title: str
-    draw: Callable[..., Figure]
-    arguments: tuple[Any, ...]
-    order: tuple[str, ...] = ()
-
-    def __call__(self) -> Figure:
-        """The figure."""
-        return self.draw(*self.arguments, title=self.title, order=self.order)
+Drawing = partial[Figure]
+"""Function of charts with its arguments, among them `title`; called in the theme of the context."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +81,7 @@ class Report:
 
     def _rendered(self, blocks: str, sources: Mapping[str, str]) -> str:
         pictures = {
-            name: {"source": source, "alt": self.figures[name].title}
+            name: {"source": source, "alt": self.figures[name].keywords["title"]}
             for name, source in sources.items()
         }
         return render("comparison.jinja", blocks=blocks, pictures=pictures, **self.content)
@@ -113,14 +108,12 @@ def make_report(comparison: Comparison) -> Report:
         "families": _families(comparison.problems),
         "notes": _notes(comparison.problems),
         "solvers": pd.DataFrame(
-            [
-                {
-                    "solver": name,
-                    "method": SOLVERS[name].summary if name in SOLVERS else "user-defined",
-                    "options": options,
-                }
-                for name, options in inputs["solvers"].items()
-            ]
+            {
+                "solver": name,
+                "method": SOLVERS[name].summary if name in SOLVERS else "user-defined",
+                "options": options,
+            }
+            for name, options in inputs["solvers"].items()
         ),
         "not_applicable": not_applicable(runs).to_dict("records"),
         "groups": [
@@ -152,7 +145,7 @@ def report_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
 def _overview(comparison: Comparison) -> pd.DataFrame:
     """Fraction solved and mean time: a row per solver, a column per family and start."""
     table = comparison.summary
-    text = table["solved"].map(_percent) + ", " + table["mean_ms"].map(milliseconds) + " ms"
+    text = table["solved"].map(percent) + ", " + table["mean_ms"].map(milliseconds) + " ms"
     group = table["family"] + ", " + table["start"]
     wide = table.assign(text=text, group=group).pivot(
         index="solver", columns="group", values="text"
@@ -163,16 +156,14 @@ def _overview(comparison: Comparison) -> pd.DataFrame:
 
 def _families(problems: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
-        [
-            {
-                "family": family,
-                "problems": len(part),
-                "variables": _range(part["variables"]),
-                "constraints": _range(part["constraints"]),
-                "description": _description(str(family), part),
-            }
-            for family, part in problems.groupby("family", sort=False)
-        ]
+        {
+            "family": family,
+            "problems": len(part),
+            "variables": _between(part["variables"].min(), part["variables"].max()),
+            "constraints": _between(part["constraints"].min(), part["constraints"].max()),
+            "description": _description(str(family), part),
+        }
+        for family, part in problems.groupby("family", sort=False)
     )
 
 
@@ -206,27 +197,27 @@ def _answer(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> str:
     """The fastest and the most reliable solvers of a group, and how sure that is, in words."""
     first, *others = _of_group(tables["ranking"], family, start).to_dict("records")
     text = f"{_heading(family, start)}: {first['solver']} is the fastest, "
-    text += f"{milliseconds(first['mean_ms'])} ms on average{_interval(first, ' (95 %: {} ms)')}"
+    text += f"{milliseconds(first['mean_ms'])} ms on average{interval(first, ' (95 %: {} ms)')}"
     if not others:
         return f"{text}; no other solver is applicable."
     second = others[0]
     text += f", before {second['solver']} with {milliseconds(second['mean_ms'])} ms"
-    text += _interval(second, " ({} ms)")
+    text += interval(second, " ({} ms)")
     if np.isnan(first["probability"]):
         text += ". So few independent problems say nothing about others."
     else:
-        sure = _percent(first["probability"])
+        sure = percent(first["probability"])
         text += f". It has the first rank in {sure} of the bootstrap samples of the problems."
     solved = _of_group(tables["summary"], family, start).set_index("solver")["solved"]
     best = ", ".join(solved.index[solved == solved.max()])
-    return f"{text} Most often solved, {_percent(solved.max())}: {best}."
+    return f"{text} Most often solved, {percent(solved.max())}: {best}."
 
 
 def _heading(family: str, start: str) -> str:
     return f"{family[:1].upper()}{family[1:]}, {start} start"
 
 
-def _interval(row: Mapping[Any, Any], form: str) -> str:
+def interval(row: Mapping[Any, Any], form: str = "{}") -> str:
     """Text of the interval of a mean time; empty if there is none."""
     low, high = row["mean_ms_low"], row["mean_ms_high"]
     return form.format(f"{milliseconds(low)} to {milliseconds(high)}") if np.isfinite(low) else ""
@@ -243,15 +234,15 @@ def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[
         "fastest": part["solver"].iloc[0],
         "pairs": len(part) > 2,
         "headline": "Most often at the best known objective: "
-        f"{best['solver']}, {_percent(best['best_known'])}.",
+        f"{best['solver']}, {percent(best['best_known'])}.",
         "table": pd.DataFrame(
             {
                 "rank": part["rank"].map("{:g}".format),
                 "solver": part["solver"],
-                "probability": part["probability"].map(_probability),
+                "probability": part["probability"].map(percent),
                 "ranks, 95 %": list(map(_between, part["rank_low"], part["rank_high"])),
                 "mean time, ms": part["mean_ms"].map(milliseconds),
-                "95 % interval": [_interval(row, "{}") for row in part.to_dict("records")],
+                "95 % interval": [interval(row) for row in part.to_dict("records")],
                 "build, ms": [_number(value, ".3g") for value in part["build_ms"]],
                 "iterations": [_number(value or np.nan, "g") for value in part["iterations"]],
                 "evaluations": [_number(value, "g") for value in part["evaluations"]],
@@ -259,22 +250,18 @@ def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[
         ),
         "verification": pd.DataFrame(
             {"solver": part["solver"]}
-            | {_spaced(name): part[name].map(_percent) for name in _TESTS}
-            | {_spaced(name): part[name] for name in _COUNTS}
+            | {_spaced(name): part[name].map(percent) for name in TESTS}
+            | {_spaced(name): part[name] for name in COUNTS}
         ),
         "changes": pd.DataFrame(
             {
                 "criterion": changes["criterion"],
                 "first": changes["first"],
-                "probability": changes["probability"].map(_probability),
+                "probability": changes["probability"].map(percent),
                 f"rank of {part['solver'].iloc[0]}": changes["rank"].map("{:g}".format),
             }
         ),
     }
-
-
-_TESTS = ("solved", "low_accuracy", "high_accuracy", "best_known")
-_COUNTS = ("true_positives", "false_positives", "missed", "unsolved")
 
 
 def _failures(table: pd.DataFrame, solvers: list[str]) -> pd.DataFrame | None:
@@ -294,16 +281,8 @@ def _by_problem(table: pd.DataFrame) -> pd.DataFrame:
     return shown.rename(columns={"fastest_ms": "ms"}).rename(columns=_spaced)
 
 
-def _range(column: pd.Series) -> str:
-    return _between(column.min(), column.max())
-
-
 def _spaced(name: str) -> str:
     return name.replace("_", " ")
-
-
-def _probability(value: float) -> str:
-    return _percent(value) if np.isfinite(value) else ""
 
 
 def _between(low: float, high: float) -> str:
@@ -312,8 +291,9 @@ def _between(low: float, high: float) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-def _percent(value: float) -> str:
-    return f"{100 * value:.0f} %"
+def percent(value: float) -> str:
+    """Text of a fraction; empty if there is none."""
+    return f"{100 * value:.0f} %" if np.isfinite(value) else ""
 
 
 def milliseconds(value: float) -> str:
@@ -355,7 +335,7 @@ def figures(comparison: Comparison) -> dict[str, Drawing]:
 
 def overview(comparison: Comparison) -> Drawing:
     """Performance profiles of solving, a panel for every family and start."""
-    panels = tuple(
+    panels = (
         _Panel(
             f"{family}, {start} start",
             performance_profile(costs(comparison.runs, family, start, "solve_seconds")),
@@ -363,8 +343,12 @@ def overview(comparison: Comparison) -> Drawing:
         )
         for family, start in groups(comparison)
     )
-    order = tuple(comparison.inputs["solvers"])
-    return Drawing("Performance profiles of solve time", draw_profiles, (panels,), order)
+    return _profiles(panels, "Performance profiles of solve time", _order(comparison))
+
+
+def _order(comparison: Comparison) -> tuple[str, ...]:
+    """All solvers, by whose order each has the same style in all figures."""
+    return tuple(comparison.inputs["solvers"])
 
 
 def groups(comparison: Comparison) -> Iterator[tuple[str, str]]:
@@ -382,35 +366,33 @@ def _group_figures(
     comparison: Comparison, family: str, start: str
 ) -> Iterator[tuple[str, Drawing]]:
     """Figures of a family and a kind of start, each with its name."""
-    runs, order, end = comparison.runs, tuple(comparison.inputs["solvers"]), tag(family, start)
+    runs, order, end = comparison.runs, _order(comparison), tag(family, start)
     times = costs(runs, family, start, "solve_seconds")
     group = _title(family, start, times)
-    ranking = comparison.ranking
-    ranking = ranking[(ranking["family"] == family) & (ranking["start"] == start)]
-    yield f"ranking-{end}", Drawing(f"{group}: ranks", ranking_chart, (ranking,), order)
-    panels = tuple(_panels(comparison, family, start))
-    yield f"profiles-{end}", Drawing(f"{group}: profiles", draw_profiles, (panels,), order)
+    ranking = _of_group(comparison.ranking, family, start)
+    yield f"ranking-{end}", partial(ranking_chart, ranking, title=f"{group}: ranks", order=order)
+    panels = _panels(comparison, family, start)
+    yield f"profiles-{end}", _profiles(panels, f"{group}: profiles", order)
     units = times.set_axis(sampling_units(family, times.index))
     bands = performance_profile(times), performance_bands(units), _FACTOR
     heading = f"{group}: performance profiles with 95 % bands"
-    yield f"bands-{end}", Drawing(heading, band_chart, bands, order)
+    yield f"bands-{end}", partial(band_chart, *bands, title=heading, order=order)
     if len(times.columns) > 2:  # of two, the profiles say it
         heading = f"{group}: fraction of problems on which a solver is faster"
-        yield f"wins-{end}", Drawing(heading, _draw_wins, (pairwise_wins(times),))
+        yield f"wins-{end}", partial(win_chart, pairwise_wins(times), title=heading)
     problem = typical_problem(comparison, family, start)
     if problem is not None:
-        yield f"convergence-{end}", convergence_drawing(comparison, problem, start)
-
-
-def convergence_drawing(comparison: Comparison, problem: str, start: str) -> Drawing:
-    """Figure of the convergence on a problem."""
-    history = comparison.convergence(problem, start)
-    return Drawing(
-        f"{problem}, {start} start: convergence",
-        draw_gaps,
-        (history.iterates, tuple(history.missing)),
-        history.solvers,
-    )
+        history = comparison.convergence(problem, start)
+        yield (
+            f"convergence-{end}",
+            partial(
+                gap_chart,
+                history.iterates,
+                title=f"{problem}, {start} start: convergence",
+                order=order,
+                missing=tuple(history.missing),
+            ),
+        )
 
 
 _FACTOR = "factor of the fastest solver's time"
@@ -418,42 +400,24 @@ _FACTOR = "factor of the fastest solver's time"
 
 def _panels(comparison: Comparison, family: str, start: str) -> Iterator[_Panel]:
     runs, tolerances = comparison.runs, comparison.tolerances
-    best = costs(runs, family, start, "solve_seconds", "best_known")
-    exact = costs(runs, family, start, "solve_seconds", "high_accuracy")
-    feasible = 1e3 * costs(runs, family, start, "solve_seconds", "feasible")
-    quality = quality_profile(feasible, by_solver(runs, family, start, "quality"))
-    gap = f"{tolerances.objective:g}"
-    name = f"solved, within {gap} of the best known objective"
-    yield _Panel(name, performance_profile(best), _FACTOR)
+    seconds = partial(costs, runs, family, start, "solve_seconds")
+    name = f"solved, within {tolerances.objective:g} of the best known objective"
+    yield _Panel(name, performance_profile(seconds("best_known")), _FACTOR)
     name = f"solved to high accuracy, {tolerances.high_accuracy:g}"
-    yield _Panel(name, performance_profile(exact), _FACTOR)
-    name = "quality within a time"
-    yield _Panel(name, quality, "time in ms", "mean quality")
-    name = "solved within a number of evaluations"
+    yield _Panel(name, performance_profile(seconds("high_accuracy")), _FACTOR)
+    quality = by_solver(runs, family, start, "quality")
+    reached = quality_profile(1e3 * seconds("feasible"), quality)
+    yield _Panel("quality within a time", reached, "time in ms", "mean quality")
     budget = data_profile(costs(runs, family, start, "evaluations"))
+    name = "solved within a number of evaluations"
     yield _Panel(name, budget, "evaluations of the objective")
 
 
-def draw_profiles(panels: Sequence[_Panel], title: str, order: Sequence[str]) -> Figure:
-    """All profiles of a group."""
-    return profile_chart(
-        {panel.name: panel.profile for panel in panels},
-        [panel.xlabel for panel in panels],
-        title,
-        order,
-        [panel.ylabel for panel in panels],
-    )
-
-
-def draw_gaps(
-    iterates: pd.DataFrame, missing: Sequence[str], title: str, order: Sequence[str]
-) -> Figure:
-    """Convergence on a problem."""
-    return gap_chart(iterates, title, order, missing)
-
-
-def _draw_wins(wins: pd.DataFrame, title: str, order: Sequence[str]) -> Figure:  # noqa: ARG001
-    return win_chart(wins, title)
+def _profiles(panels: Iterable[_Panel], title: str, order: Sequence[str]) -> Drawing:
+    """Figure of profiles."""
+    names, profiles, below, beside = zip(*panels, strict=True)
+    shown = dict(zip(names, profiles, strict=True))
+    return partial(profile_chart, shown, below, title=title, order=order, ylabel=beside)
 
 
 def _title(family: str, start: str, times: pd.DataFrame) -> str:

@@ -180,11 +180,8 @@ class Comparison(Displayed):
         ComparisonError
             No such family, or no such start of its problems.
         """
-        for column, value in (("family", family), ("start", start)):
-            known = self.runs[column].unique().tolist()
-            if value is not None and value not in known:
-                unknown = f"{column} {value!r} is unknown{did_you_mean(value, known)}"
-                raise ComparisonError(unknown, **{column: value})
+        _require_known("family", family, self.runs)
+        _require_known("start", start, self.runs)
         family = self.runs["family"].iloc[0] if family is None else family
         part = self.runs[self.runs["family"] == family]
         start = part["start"].iloc[0] if start is None else start
@@ -278,20 +275,12 @@ class Comparison(Displayed):
 def _convergence(comparison: Comparison, problem: str | None, start: str | None) -> Convergence:
     """Convergence on a problem; None stands for the first problem or start."""
     runs, iterates = comparison.runs, comparison.iterates
-    known = runs["problem"].unique().tolist()
     if problem is None:
-        problem = str(iterates["problem"].iloc[0] if len(iterates) else known[0])
-    if problem not in known:
-        raise ComparisonError(
-            f"problem {problem!r} is unknown{did_you_mean(problem, known)}", problem=problem
-        )
+        problem = str((iterates if len(iterates) else runs)["problem"].iloc[0])
+    _require_known("problem", problem, runs)
     part = runs[(runs["problem"] == problem) & runs["applicable"] & (runs["copy"] == 0)]
-    starts = part["start"].unique().tolist()
-    start = starts[0] if start is None else start
-    if start not in starts:
-        raise ComparisonError(
-            f"start {start!r} is unknown{did_you_mean(start, starts)}", start=start
-        )
+    start = part["start"].iloc[0] if start is None else start
+    _require_known("start", start, part)
     part = part[part["start"] == start].set_index("solver")
     best = float(part["best_objective"].iloc[0])
     unit = float(gap_unit(part["best_objective"], part["objective_scale"]).iloc[0])
@@ -307,6 +296,14 @@ def _convergence(comparison: Comparison, problem: str | None, start: str | None)
     }
     solvers = tuple(comparison.inputs["solvers"])
     return Convergence(problem, start, best, table.reset_index(drop=True), missing, solvers)
+
+
+def _require_known(column: str, value: str | None, table: pd.DataFrame) -> None:
+    """Raise ComparisonError for a value that no row has; None is none."""
+    known = table[column].unique().tolist()
+    if value is not None and value not in known:
+        unknown = f"{column} {value!r} is unknown{did_you_mean(value, known)}"
+        raise ComparisonError(unknown, **{column: value})
 
 
 def longest(time_limit: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -19,6 +20,10 @@ NOT_APPLICABLE = "not applicable"
 
 Success: TypeAlias = Literal["solved", "best_known", "feasible", "low_accuracy", "high_accuracy"]
 """Columns of `verify` that say which runs succeeded."""
+
+TESTS = ("solved", "low_accuracy", "high_accuracy", "best_known")
+COUNTS = ("true_positives", "false_positives", "missed", "unsolved")
+"""Columns of `summary`: fractions of the runs that pass a test, and numbers of runs."""
 
 SHIFT = 1e-3
 """Shift of the geometric means of times, in seconds."""
@@ -121,36 +126,24 @@ def summary(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
     with failures counted at `time_limit` seconds; build_ms, iterations and evaluations, medians
     over the solved runs.
     """
-    rows = []
-    for (family, start, solver), part in table.groupby(["family", "start", "solver"], sort=False):
-        if not part["applicable"].any():
-            continue
-        reported, verified = part["reported_success"], part["verified"]
-        solved = part[part["solved"]]
-        times = part["solve_seconds"].where(part["solved"], time_limit).clip(upper=time_limit)
-        rows.append(
-            {
-                "family": family,
-                "start": start,
-                "solver": solver,
-                "problems": part["problem"].nunique(),
-                "runs": len(part),
-                "applicable": int(part["applicable"].sum()),
-                "true_positives": int((reported & verified).sum()),
-                "false_positives": int((reported & ~verified).sum()),
-                "missed": int((~reported & verified).sum()),
-                "unsolved": int((~reported & ~verified).sum()),
-                "solved": float(part["solved"].mean()),
-                "low_accuracy": float(part["low_accuracy"].mean()),
-                "high_accuracy": float(part["high_accuracy"].mean()),
-                "best_known": float(part["best_known"].mean()),
-                "mean_ms": 1e3 * float(shifted_geometric_mean(times, SHIFT)),
-                "build_ms": 1e3 * float(solved["build_seconds"].median()),
-                "iterations": float(solved["iterations"].median()),
-                "evaluations": float(solved["evaluations"].median()),
-            }
-        )
-    return pd.DataFrame(rows)
+    reported, verified, solved = table["reported_success"], table["verified"], table["solved"]
+    masks = (reported & verified, reported & ~verified, ~reported & verified, ~reported & ~verified)
+    medians = {"build_ms": "build_seconds"} | {name: name for name in ("iterations", "evaluations")}
+    runs = table.assign(
+        mean_ms=table["solve_seconds"].where(solved, time_limit).clip(upper=time_limit),
+        **dict(zip(COUNTS, masks, strict=True)),
+        **{name: table[column].where(solved) for name, column in medians.items()},
+    )
+    groups = runs.groupby(["family", "start", "solver"], sort=False).agg(
+        problems=("problem", "nunique"),
+        runs=("problem", "size"),
+        **{name: (name, "sum") for name in ("applicable", *COUNTS)},
+        **{name: (name, "mean") for name in TESTS},
+        mean_ms=("mean_ms", partial(shifted_geometric_mean, shift=SHIFT)),
+        **{name: (name, "median") for name in medians},
+    )
+    groups[["mean_ms", "build_ms"]] *= 1e3
+    return groups[groups["applicable"] > 0].reset_index()
 
 
 def by_problem(table: pd.DataFrame) -> pd.DataFrame:

@@ -20,7 +20,6 @@ from .._util.figure_style import (
     GREY,
     MEMBERS,
     VERMILION,
-    add_title,
     current_theme,
     marker,
     panels,
@@ -252,7 +251,8 @@ def formation_chart(
     columns = min(across, len(chosen))
     shape = (1.05 if narrow else 0.95) * -(-len(chosen) // columns) / columns
     aspect = shape + (0.16 if narrow else 0.06)
-    fig, axes = panels(len(chosen), columns, aspect, sharex=True, sharey=True)
+    heading = title or scenario.name, f"formation around {'the guide' if guide else 'its mean'}"
+    fig, axes = panels(len(chosen), columns, aspect, *heading, sharex=True, sharey=True)
     centers = formation_centers(trajectory, guide)
     half = window(trajectory, centers)
     what = {"marked": guide is not None, "corridors": corridors}
@@ -270,8 +270,6 @@ def formation_chart(
     )
     handles = legend_handles(trajectory, guide is not None, corridors)
     fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else len(handles))
-    center = "the guide" if guide else "its mean"
-    add_title(fig, title or scenario.name, f"formation around {center}")
     return fig
 
 

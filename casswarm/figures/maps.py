@@ -359,7 +359,7 @@ def cost_to_go_map(
         if isinstance(value, CostToGoMap)
         else CostToGoMap.from_value_function(value, low, high, step)
     )
-    fig, axes = single_panel()
+    fig, axes = single_panel(None, scenario.name, f"optimal direction at step {costs.step}")
     set_extent(axes, low, high)
     survival = np.where(costs.survival > 0, costs.survival, np.nan)
     image = draw_field(axes, survival, Normalize(0.0, 1.0), "viridis")
@@ -369,7 +369,6 @@ def cost_to_go_map(
     axes.plot(*guide.positions.T, color=VERMILION, lw=scaled(1.8), zorder=4, label="guide")
     add_landmarks(axes, scenario, radars="white")
     add_legend(fig, axes)
-    add_title(fig, scenario.name, f"optimal direction at step {costs.step}")
     return fig
 
 

@@ -14,7 +14,6 @@ from .._util.figure_style import (
     GREY,
     GRID,
     INK,
-    add_title,
     current_theme,
     despine,
     marker,
@@ -51,7 +50,8 @@ def table_2_chart(table: pd.DataFrame, paper_runs: int = 50) -> Figure:
         "method": ("the paper's method", "D"),
         "exact": ("with Ipopt, exact", "|"),
     }
-    fig, axes = single_panel(current_theme().aspect_of(1.45 * len(kinds) * len(table) + 7))
+    aspect = current_theme().aspect_of(1.45 * len(kinds) * len(table) + 7)
+    fig, axes = single_panel(aspect, "paper-1", "Table II, with 95 % intervals")
     styles = policy_styles(table["policy"])
     for row, values in enumerate(table.to_dict("records")):
         color = styles[str(values["policy"])].color
@@ -70,7 +70,6 @@ def table_2_chart(table: pd.DataFrame, paper_runs: int = 50) -> Figure:
         axes.axhline(row - 0.5, color=GRID, linewidth=scaled(0.6))
     handles = [Line2D([], [], label=label, **_marker(kind, GREY)) for label, kind in kinds.values()]
     fig.legend(handles=handles, loc="outside lower center", ncols=2)
-    add_title(fig, "paper-1", "Table II, with 95 % intervals")
     return fig
 
 
@@ -94,13 +93,9 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
         Policy to (low, high), drawn as a band.
     """
     changes = list(dict.fromkeys(table["change"]))
-    fig, axes = panels(
-        len(intervals),
-        len(intervals),
-        current_theme().aspect_of(2.4 * len(changes) + 9),
-        sharex=True,
-        sharey=True,
-    )
+    aspect, number = current_theme().aspect_of(2.4 * len(changes) + 9), len(intervals)
+    heading = "paper-1", "small changes of the geometry"
+    fig, axes = panels(number, number, aspect, *heading, sharex=True, sharey=True)
     styles, kinds = policy_styles(intervals), list(dict.fromkeys(table["solver"]))
     for panel, (policy, (low, high)) in zip(axes, intervals.items(), strict=True):
         style = styles[policy]
@@ -123,7 +118,6 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
     ]
     title = wrap("success; shaded: Wilson's 95 % interval of the paper's 50 runs")
     fig.legend(handles=handles, loc="outside lower center", ncols=2, title=title)
-    add_title(fig, "paper-1", "small changes of the geometry")
     return fig
 
 
@@ -136,11 +130,11 @@ def infeasible_chart(table: pd.DataFrame) -> Figure:
     table : DataFrame
         With the columns policy, step, alive and infeasible.
     """
-    policies = list(dict.fromkeys(table["policy"]))
+    policies, title = list(dict.fromkeys(table["policy"])), "members with an empty constraint set"
     narrow = current_theme().narrow
     aspect = 0.5 * len(policies) + 0.15 if narrow else None
     across = 1 if narrow else len(policies)
-    fig, axes = panels(len(policies), across, aspect, sharex=True, sharey=True)
+    fig, axes = panels(len(policies), across, aspect, title, sharex=True, sharey=True)
     styles = policy_styles(policies)
     for panel, policy in zip(axes, policies, strict=True):
         rows = table[table["policy"] == policy]
@@ -155,7 +149,6 @@ def infeasible_chart(table: pd.DataFrame) -> Figure:
         Line2D([], [], color=GREY, linewidth=scaled(5), label="with an empty constraint set"),
     ]
     fig.legend(handles=handles, loc="outside lower center", ncols=2)
-    add_title(fig, "members with an empty constraint set")
     return fig
 
 
@@ -177,7 +170,9 @@ def convergence_chart(
     """
     narrow = current_theme().narrow
     across = 1 if narrow else 2
-    fig, axes = panels(4, across, 2.3 if narrow else 0.75, sharex=True)
+    title = "steps in displacement (dark) or velocity (light); formations: medians over time steps"
+    title = f"the paper's projected gradient: {title}"
+    fig, axes = panels(4, across, 2.3 if narrow else 0.75, title, sharex=True)
     survival, residual, gap, formation_residual = axes
     for variable, rows in guide.groupby("steps"):
         path: dict[str, Any] = {"color": INK, "marker": "o", "alpha": _ALPHAS[str(variable)]}
@@ -209,6 +204,4 @@ def convergence_chart(
         panel.set_xlabel("iteration")
     handles, columns = gap.get_legend_handles_labels()[0], 2 if narrow else 4
     fig.legend(handles=handles, loc="outside lower center", ncols=columns, title="formation of")
-    title = "steps in displacement (dark) or velocity (light); formations: medians over time steps"
-    add_title(fig, "the paper's projected gradient", title)
     return fig

@@ -24,7 +24,6 @@ from .._util.figure_style import (
     PURPLE,
     SKY,
     VERMILION,
-    add_title,
     current_theme,
     despine,
     panels,
@@ -133,7 +132,7 @@ def _bands(
     top: float = 1.0,
 ) -> tuple[Figure, Axes]:
     """Step curves of the lower bounds (N+1,), with bands up to the upper bounds, up to `top`."""
-    fig, axes = single_panel()
+    fig, axes = single_panel(None, title, "exact distribution")
     styles = policy_styles(each.policy for each in distributions)
     for (low, high), (policy, style) in zip(bounds, styles.items(), strict=True):
         steps = np.arange(len(low))
@@ -142,7 +141,6 @@ def _bands(
         line.set(linewidth=scaled(1.8), label=policy)
     axes.set(xlabel="step", xlim=(0, 1.01 * (max(len(low) for low, _ in bounds) - 1)))
     axes.set(ylabel=ylabel, ylim=(0, 1.02 * top))
-    add_title(fig, title, "exact distribution")
     despine(axes)
     return fig, axes
 
@@ -168,7 +166,8 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
     columns = min(len(scenarios), 2 if current_theme().narrow else 3)
     lines = len(policies) * (1.5 if several else 2.4) + 4
     aspect = current_theme().aspect_of(lines * -(-len(scenarios) // columns) + 3)
-    fig, axes = panels(len(scenarios), columns, max(0.28, aspect), sharex=True, sharey=True)
+    aspect, heading = max(0.28, aspect), (title, "" if several else _kind(table))
+    fig, axes = panels(len(scenarios), columns, aspect, *heading, sharex=True, sharey=True)
     for panel, (scenario, rows) in zip(axes, scenarios, strict=True):
         _bars(panel, rows, policies, values=not several)
         heading = wrap(scenario, 0.85 / columns)
@@ -184,7 +183,6 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
     for panel in axes[-columns:]:
         panel.set_xlabel("success probability")
         panel.tick_params(labelbottom=True)
-    add_title(fig, title, "" if several else _kind(table))
     return fig
 
 
@@ -238,7 +236,8 @@ def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
         As of `casswarm.studies.tables.paired_table`.
     title : str
     """
-    fig, axes = single_panel(min(1.2, (0.9 + 0.32 * len(paired)) / 4))
+    aspect = min(1.2, (0.9 + 0.32 * len(paired)) / 4)
+    fig, axes = single_panel(aspect, title, "paired by common random numbers")
     rows = np.arange(len(paired))[::-1]
     difference, error = with_errors(paired, "difference")
     axes.axvline(0.0, color=INK, linewidth=scaled(0.8), zorder=1)
@@ -249,7 +248,6 @@ def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
     ends = np.array([min(-0.02, lowest), max(0.02, highest)])
     axes.set(xlim=ends + 0.08 * np.ptp(ends) * np.array([-1, 1]), ylim=(-0.7, len(paired) - 0.3))
     axes.set_xlabel("difference in success probability,\n95 % interval")
-    add_title(fig, title, "paired by common random numbers")
     despine(axes, grid="x")
     return fig
 
@@ -278,7 +276,7 @@ def sweep_lines(
     order = list(dict.fromkeys(table[key]))
     if others:
         return _panel_per_policy(valid, key, order, title, list(others))
-    fig, axes = single_panel()
+    fig, axes = single_panel(None, title)
     styles = policy_styles(table["policy"])
     for policy, rows in valid.groupby("policy", sort=False):
         _success_line(axes, rows, key, order, styles[str(policy)].line | {"label": str(policy)})
@@ -286,7 +284,6 @@ def sweep_lines(
     axes.set_ylabel("success probability")
     if len(valid):
         axes.legend(loc="best")
-    add_title(fig, title)
     return fig
 
 
@@ -297,7 +294,7 @@ def _panel_per_policy(
     number = max(1, len(policies))
     columns = 1 if narrow else min(3, number)
     aspect = (0.52 if narrow else 0.4) * -(-number // columns) + 0.12
-    fig, axes = panels(number, columns, aspect, sharex=True, sharey=True)
+    fig, axes = panels(number, columns, aspect, title, sharex=True, sharey=True)
     combinations = valid.groupby(others, sort=False).ngroup()
     colors = colormaps["viridis"](np.linspace(0.0, 0.82, max(2, combinations.nunique())))
     for panel, policy in zip(axes, policies, strict=False):
@@ -320,7 +317,6 @@ def _panel_per_policy(
         title_fontsize="small",
         ncols=3 if narrow else 1,
     )
-    add_title(fig, title)
     return fig
 
 
@@ -376,7 +372,7 @@ def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") ->
     across = min(len(policies), 1 if theme.narrow else 3)
     aspect = 0.16 + min(0.9, 0.66 * scaled() * len(rows) / theme.width)
     aspect = aspect * -(-len(policies) // across) + 0.12
-    fig, axes = panels(len(policies), across, aspect, sharex=True, sharey=True)
+    fig, axes = panels(len(policies), across, aspect, title, sharex=True, sharey=True)
     for panel, policy in zip(axes, policies, strict=True):
         values = np.full((len(rows), len(columns)), np.nan)
         for row in table[table["policy"] == policy].to_dict("records"):
@@ -393,7 +389,6 @@ def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") ->
         panel.set(xlabel=x, ylabel=y)
         panel.label_outer()
     fig.colorbar(image, ax=axes, label="success probability")
-    add_title(fig, title)
     return fig
 
 
@@ -413,7 +408,7 @@ def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
     across = min(len(scenarios), 2 if current_theme().narrow else 3)
     bands = -(-len(scenarios) // across)  # of two rows of panels each
     aspect = 1.25 * bands / max(2, across) + 0.12
-    fig, axes = panels(2 * bands * across, across, aspect, sharex=True)
+    fig, axes = panels(2 * bands * across, across, aspect, title, sharex=True)
     grid: Any = np.array(axes).reshape(bands, 2, across)
     pairs = grid.swapaxes(1, 2).reshape(-1, 2)  # the panels of every scenario
     for unused in pairs[len(scenarios) :].flat:
@@ -438,5 +433,4 @@ def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
             despine(panel)
     handles = axes[0].get_legend_handles_labels()[0]
     fig.legend(handles=handles, loc="outside lower center", ncols=min(3, len(handles)))
-    add_title(fig, title)
     return fig

@@ -130,52 +130,24 @@ GRADIENT, DIRECTION, TRIAL, TRIAL_GRADIENT, STEP, RESIDUAL, CONJUGATE, PRODUCT =
 
 
 class Problem(NamedTuple):
-    """Formation problem of one state: an objective over a product of n planar sets.
+    """Formation problem of one state: an objective over a product of n planar sets."""
 
-    Parameters
-    ----------
-    evaluate : objective
-        See `casswarm.compiled.kernels.objective`.
-    p, constants : vectors
-        Parameters of the state, and numbers that all states share.
-    sets : (n, 10)
-        See `casswarm.motion.planar_kernels`.
-    scale : (2,)
-        Units of x and of the objective.
-    scratch : vector
-        Overwritten by `evaluate`.
-    """
-
-    evaluate: Any
-    p: FloatArray
-    constants: FloatArray
-    sets: FloatArray
-    scale: FloatArray
-    scratch: FloatArray
+    evaluate: Any  # see `casswarm.compiled.kernels.objective`
+    p: FloatArray  # parameters of the state
+    constants: FloatArray  # numbers that all states share
+    sets: FloatArray  # (n, 10), see `casswarm.motion.planar_kernels`
+    scale: FloatArray  # (2,), units of x and of the objective
+    scratch: FloatArray  # overwritten by `evaluate`
 
 
 class Workspace(NamedTuple):
-    """Arrays that a solve overwrites.
+    """Arrays that a solve overwrites."""
 
-    Parameters
-    ----------
-    vectors : (8, 2n)
-        Rows `GRADIENT` to `PRODUCT`.
-    step_sizes : (n,)
-        Spectral step size of every member.
-    history : vector
-        The last objective values.
-    face : (n, 4)
-        What `tangent` returns of every member.
-    blocks : (5n,)
-        A gradient, and the preconditioner's inverse (xx, xy, yy) of every member.
-    """
-
-    vectors: FloatArray
-    step_sizes: FloatArray
-    history: FloatArray
-    face: FloatArray
-    blocks: FloatArray
+    vectors: FloatArray  # (8, 2n), rows `GRADIENT` to `PRODUCT`
+    step_sizes: FloatArray  # (n,), spectral step size of every member
+    history: FloatArray  # the last objective values
+    face: FloatArray  # (n, 4), what `tangent` returns of every member
+    blocks: FloatArray  # (5n,), a gradient, and the preconditioner's inverse (xx, xy, yy) by member
 
 
 @kernel

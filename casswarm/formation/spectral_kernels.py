@@ -42,26 +42,13 @@ class Starts(NamedTuple):
     A start is the initial guess and a displacement of every member, in axes and an order of the
     members that the guesses define. So it turns, mirrors and permutes with its state, and does not
     depend on the other states of a batch.
-
-    Parameters
-    ----------
-    initial : int
-        Starts that are always solved; with 1 there are no others.
-    directions : (S, 2n)
-        Displacements, a pair of coordinates for every rank; the first start has none.
-    spread : (B, n)
-        Lengths that the displacements of every member are multiplied by.
-    axes : (B, 2, 2)
-        First and second axis of every state, as rows.
-    ranks : (B, n) int
-        Ranks of the members.
     """
 
-    initial: int
-    directions: FloatArray
-    spread: FloatArray
-    axes: FloatArray
-    ranks: IntArray
+    initial: int  # starts that are always solved; with 1 there are no others
+    directions: FloatArray  # (S, 2n), displacements, a pair for every rank; none of the first start
+    spread: FloatArray  # (B, n), lengths that the displacements of every member are multiplied by
+    axes: FloatArray  # (B, 2, 2), first and second axis of every state, as rows
+    ranks: IntArray  # (B, n), ranks of the members
 
     @classmethod
     def single(cls) -> Starts:
@@ -98,22 +85,12 @@ def empty_starts(initial: int, directions: FloatArray, states: int) -> Starts:
 
 
 class Results(NamedTuple):
-    """Output arrays of a kernel for B instances.
+    """Output arrays of a kernel for B instances."""
 
-    Parameters
-    ----------
-    x : (B, ...)
-    verified : (B, 3)
-        Objective, violation and stationarity, recomputed from the problem alone.
-    outcome : (B,)
-    counts : (B, 2)
-        Iterations and evaluations.
-    """
-
-    x: FloatArray
-    verified: FloatArray
-    outcome: IntArray
-    counts: IntArray
+    x: FloatArray  # (B, ...)
+    verified: FloatArray  # (B, 3), objective, violation and stationarity, from the problem alone
+    outcome: IntArray  # (B,)
+    counts: IntArray  # (B, 2), iterations and evaluations
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> Results:

@@ -50,73 +50,35 @@ def nearest_living(
 
 
 class States(NamedTuple):
-    """B states before a step.
+    """B states before a step."""
 
-    Parameters
-    ----------
-    positions, previous_velocities : (B, n, 2)
-    alive : (B, n) bool
-    goals : (B, 2)
-        X*(t+1).
-    leaders : (B,) int
-        Members that move to the goal; -1 for none.
-    """
-
-    positions: FloatArray
-    previous_velocities: FloatArray
-    alive: BoolArray
-    goals: FloatArray
-    leaders: IntArray
+    positions: FloatArray  # (B, n, 2)
+    previous_velocities: FloatArray  # (B, n, 2)
+    alive: BoolArray  # (B, n)
+    goals: FloatArray  # (B, 2), X*(t+1)
+    leaders: IntArray  # (B,), members that move to the goal; -1 for none
 
 
 class Terms(NamedTuple):
-    """Common terms of the formation problems of a batch.
-
-    Parameters
-    ----------
-    dt, v_max : float
-    change : float
-        Bound on |V(t) - V(t-1)|.
-    at_goal : float
-        Distance from the goal up to which a leader has reached it.
-    corridor : float
-        The corridor's radius in units of velocity; negative for leader protection.
-    gathers : bool
-        Whether members that protect a leader begin as close to it as they can come, which
-        minimises its rate.
-    follower_weight : float
-        Weight of their rates.
-    """
+    """Common terms of the formation problems of a batch."""
 
     dt: float
     v_max: float
-    change: float
-    at_goal: float
-    corridor: float
-    gathers: bool
-    follower_weight: float
+    change: float  # bound on |V(t) - V(t-1)|
+    at_goal: float  # distance from the goal up to which a leader has reached it
+    corridor: float  # the corridor's radius in units of velocity; negative for leader protection
+    gathers: bool  # whether protectors begin close to the leader, which minimises its rate
+    follower_weight: float  # weight of their rates
 
 
 class StateProblem(NamedTuple):
-    """The problem of a state; of B states, with a leading axis.
+    """The problem of a state; of B states, with a leading axis."""
 
-    Parameters
-    ----------
-    p : (6n + 4,)
-        Parameters in the order of `formation_nlp`.
-    guess : (2n,)
-        Feasible initial guess.
-    sets : (n, 10)
-        See ``planar_kernels``; a point for members that are not free, 0 for the destroyed.
-    free, infeasible : (n,) bool
-        As of `Formation`.
-    """
-
-    p: FloatArray
-    guess: FloatArray
-    sets: FloatArray
-    free: BoolArray
-    infeasible: BoolArray
+    p: FloatArray  # (6n + 4,), parameters in the order of `formation_nlp`
+    guess: FloatArray  # (2n,), feasible initial guess
+    sets: FloatArray  # (n, 10), see ``planar_kernels``; points where not free, 0 for the destroyed
+    free: BoolArray  # (n,), as of `Formation`
+    infeasible: BoolArray  # (n,), as of `Formation`
 
 
 @kernel
@@ -285,23 +247,12 @@ class Limits(NamedTuple):
 
 
 class StepResults(NamedTuple):
-    """Output arrays for B states.
+    """Output arrays for B states."""
 
-    Parameters
-    ----------
-    velocities : (B, n, 2)
-    verified : (B, 3)
-        Objective, violation and stationarity, as of the batch solver's `Results`.
-    infeasible : (B,) int
-        Members that cannot meet their soft constraint.
-    accepted : (B,) bool
-        Whether the residuals are within their limits. Where not, nothing else counts.
-    """
-
-    velocities: FloatArray
-    verified: FloatArray
-    infeasible: IntArray
-    accepted: BoolArray
+    velocities: FloatArray  # (B, n, 2)
+    verified: FloatArray  # (B, 3), as of the batch solver's `Results`
+    infeasible: IntArray  # (B,), members that cannot meet their soft constraint
+    accepted: BoolArray  # (B,), whether the residuals are within limits: else nothing else counts
 
 
 @kernel

@@ -28,20 +28,10 @@ _KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3}
 
 
 def lower_source(name: str, inputs: dict[str, Expr], outputs: Sequence[Expr]) -> str:
-    """Python source of a function that returns the values of expressions.
+    """Python source of a function that returns the values of scalar expressions.
 
-    Parameters
-    ----------
-    name : str
-        Name of the function.
-    inputs : dict of name to SX
-        Symbols of its arguments, in order; a column is an argument that is indexed.
-    outputs : sequence of scalar SX
-
-    Raises
-    ------
-    HazardError
-        An operation has no counterpart here (the message names it).
+    `inputs` are the symbols of its arguments by name, in order; a column is an argument that is
+    indexed. HazardError names an operation that has no counterpart here.
     """
     function = ca.Function(name, list(inputs.values()), [ca.SX(y) for y in outputs])
     scalar = [symbol.is_scalar() for symbol in inputs.values()]

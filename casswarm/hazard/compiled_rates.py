@@ -24,20 +24,11 @@ _LANES = 64  # states of a block: they fit in the first cache
 
 @dataclass(frozen=True, eq=False)
 class CompiledRates:
-    """Rates of n members as a compiled function.
-
-    Parameters
-    ----------
-    n : int
-    source : str
-        Text of the compiled function, which all hazards of a class share.
-    constants : (s,)
-        The number of radars, their positions and strengths, and parameters of the hazard.
-    """
+    """Rates of n members as a compiled function."""
 
     n: int
-    source: str
-    constants: FloatArray
+    source: str  # text of the function, which all hazards of a class share
+    constants: FloatArray  # (s,), number of radars, positions and strengths, parameters
 
     def __call__(self, positions: FloatArray, alive: BoolArray, rates: FloatArray) -> bool:
         """Write the rates (B, n) of states (B, n, 2), (B, n), 0 for the destroyed.

@@ -50,14 +50,7 @@ def inverse_squares_below(
 ) -> FloatArray:
     """Sum over radars of strength times the node values above, shape (n, m).
 
-    Parameters
-    ----------
-    east, north : (n,), (m,)
-        Coordinates of the nodes.
-    spacing : float
-        h, the side of a cell.
-    radars, strengths : (k, 2), (k,)
-    core_radius : float
+    The nodes are at `east` (n,) and `north` (m,), h = `spacing` apart.
     """
     squared_cap = cap_radius(spacing, core_radius) ** 2
     total = np.zeros((len(east), len(north)))
@@ -155,16 +148,11 @@ class LeastRateLines:
 
     For single-agent rates b, the rate is at least intercepts_k + slopes_k b while S is between
     densities_k and densities_(k+1), or between the last of these and the number of neighbours.
-
-    Parameters
-    ----------
-    densities, intercepts, slopes : (k,)
-        Densities increase from 0, intercepts do not decrease, and slopes do not increase.
     """
 
-    densities: FloatArray
-    intercepts: FloatArray
-    slopes: FloatArray
+    densities: FloatArray  # (k,), increasing from 0
+    intercepts: FloatArray  # (k,), not decreasing
+    slopes: FloatArray  # (k,), not increasing
 
     def least_rate(self) -> LeastRate:
         """phi, the least rate at any density."""
@@ -229,18 +217,8 @@ def pair_bounds(
 ) -> PairBounds:
     """Lower bounds for the paper's rates, or the rates themselves at the nodes.
 
-    Parameters
-    ----------
-    shape : pair of int
-        n and m.
-    spacing : float
-        h.
-    alpha : pair of float
-        alpha_2 and alpha_3.
-    beta : pair of float, optional
-        beta_1 and beta_2, if members collide.
-    core_radius : float
-    certified : bool
+    `shape` is n and m, the spacing h, `alpha` alpha_2 and alpha_3, and `beta` beta_1 and beta_2 if
+    members collide.
     """
     x, y = (np.asarray(spacing * np.arange(1 - count, count), float) for count in shape)
     share = 1.0 - _share_deficit(x[:, None] ** 2 + y**2, *alpha)

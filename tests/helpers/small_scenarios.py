@@ -51,6 +51,20 @@ def three_members(**values: object) -> Scenario:
     return small(positions, (3.0, 0.0), [(1.5, 0.8)], 12, **values)
 
 
+BESIDE = [(1.0, 0.9), (2.2, -0.8)]
+"""Radars on both sides of the way of `abreast`."""
+
+
+def abreast(n: int, steps: int = 8, **values: object) -> Scenario:
+    """One to three members on their way between two radars; `values` as in `small`."""
+    return small([(0.0, 0.0), (0.4, 0.1), (-0.2, 0.4)][:n], (3.0, 0.2), BESIDE, steps, **values)
+
+
+def around(rng: np.random.Generator, n: int, spread: float = 0.4) -> list[Point]:
+    """Random positions around the origin."""
+    return [(float(x), float(y)) for x, y in rng.uniform(-spread, spread, (n, 2))]
+
+
 def image(
     scenario: Scenario,
     matrix: Array,

@@ -6,22 +6,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_scenarios import small
+from small_scenarios import BESIDE, around, small
 
 import casswarm as csw
 from casswarm import Scenario, plan_swarm
 from casswarm.joint import PlanDistribution
 from casswarm.joint.plan_distribution import likely_sets
 
-RADARS = [(1.0, 0.9), (2.2, -0.8)]
 STEPS = 6
 
 
 def crossing(seed: int, n: int, **values: object) -> tuple[Scenario, np.ndarray]:
     """A scenario of n members, and trajectories to the target."""
     rng = np.random.default_rng(seed)
-    starts = [tuple(map(float, point)) for point in rng.uniform(-0.4, 0.4, (n, 2))]
-    scenario = small(starts, (3.0, 0.2), RADARS, STEPS, **values)
+    scenario = small(around(rng, n), (3.0, 0.2), BESIDE, STEPS, **values)
     share = np.linspace(0.0, 1.0, STEPS + 1)[:, None, None]
     ends = np.array(scenario.target.center) + rng.uniform(-0.2, 0.2, (n, 2))
     return scenario, (1 - share) * scenario.positions + share * ends
@@ -73,8 +71,7 @@ def test_bounds_do_not_depend_on_the_order_of_members(seed: int) -> None:
 @pytest.mark.slow
 def test_plan_of_twelve_members_states_proven_success() -> None:
     rng = np.random.default_rng(4)
-    starts = [tuple(map(float, point)) for point in rng.uniform(-0.4, 0.4, (12, 2))]
-    scenario = small(starts, (3.0, 0.2), RADARS, 8, hazard__alpha_1=20.0)
+    scenario = small(around(rng, 12), (3.0, 0.2), BESIDE, 8, hazard__alpha_1=20.0)
     plan = plan_swarm(scenario, initial_guesses=["formations"], certify=False)
     assert plan.likely is not None
     assert plan.success == plan.likely.success

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from small_scenarios import small
+from small_scenarios import abreast, small
 
 from casswarm import Scenario, plan_swarm
 from casswarm.joint import InitialGuess, PlanDistribution
@@ -14,35 +14,25 @@ from casswarm.joint.initial_guesses import Family, changes, screened, tracked_po
 from casswarm.joint.plan_distribution import prescribed_costs
 from casswarm.problems import JointTask
 
-RADARS = [(1.0, 0.9), (2.2, -0.8)]
-
-
-def trio() -> Scenario:
-    positions = [(0.0, 0.0), (0.4, 0.1), (-0.2, 0.4)]
-    return small(positions, (3.0, 0.2), RADARS, 8, swarm__velocity=(1.0, 0.0))
-
-
-def task_of(scenario: Scenario) -> JointTask:
-    return JointTask.from_scenario(scenario, np.tile([1.0, 0.0], (scenario.n, 1)))
+TRIO = abreast(3, swarm__velocity=(1.0, 0.0))
+TASK = JointTask.from_scenario(TRIO, np.tile([1.0, 0.0], (3, 1)))
 
 
 @pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
 def test_prescribed_costs_match_distribution_with_same_arrivals(objective: str) -> None:
-    scenario = trio()
     speeds = np.random.default_rng(2).uniform(0.8, 1.0, (2, 8, 3, 2)) * [1.2, 0.05]
-    positions = np.stack([tracked_positions(task_of(scenario), each) for each in speeds])
-    inside = scenario.target.contains(positions[:, 1:])
+    positions = np.stack([tracked_positions(TASK, each) for each in speeds])
+    inside = TRIO.target.contains(positions[:, 1:])
     arrivals = np.where(inside.any(axis=1), inside.argmax(axis=1) + 1, 0)
-    first = [PlanDistribution.from_positions(scenario, each) for each in positions]
-    costs = prescribed_costs(scenario, objective, positions, arrivals)
+    first = [PlanDistribution.from_positions(TRIO, each) for each in positions]
+    costs = prescribed_costs(TRIO, objective, positions, arrivals)
     expected = [each.cost(objective) for each in first]
     np.testing.assert_allclose(costs, expected, atol=1e-12)
 
 
 def test_screened_prefers_low_cost_and_other_families() -> None:
     """The second best of a family counts as somewhat worse than the best of another."""
-    scenario = trio()
-    line = np.linspace(scenario.positions, np.array(scenario.target.center), 9)[1:]
+    line = np.linspace(TRIO.positions, np.array(TRIO.target.center), 9)[1:]
     aside = line + np.linspace(0, 1, 8)[:, None, None] * np.array([0.0, 0.01])
     far = line + np.array([0.0, 0.8])
     arrivals = np.full((2, 3), 8)
@@ -50,18 +40,17 @@ def test_screened_prefers_low_cost_and_other_families() -> None:
         Family("near", arrivals, np.stack([line, aside], axis=1)),
         Family("far", arrivals[:1], far[:, None]),
     ]
-    guesses = screened(scenario, task_of(scenario), "success", families, 2)
+    guesses = screened(TRIO, TASK, "success", families, 2)
     assert [guess.velocities.shape for guess in guesses] == [(8, 3, 2)] * 2
     assert guesses[0].name == "near"
-    assert len(screened(scenario, task_of(scenario), "success", families, 9)) == 3
+    assert len(screened(TRIO, TASK, "success", families, 9)) == 3
 
 
 def test_changes_of_plan_are_exchanges_turns_times_and_paths() -> None:
-    scenario = trio()
     plan = InitialGuess("formation LR", np.array([6, 7, 8]), np.full((8, 3, 2), [1.1, 0.0]))
     path = np.linspace([0.0, 0.0], [3.0, 0.2], 8)
     paths = {"LR": [path], "RR": [path]}
-    exchanged, turned, *stretched, rerouted = changes(task_of(scenario), plan, paths)
+    exchanged, turned, *stretched, rerouted = changes(TASK, plan, paths)
     assert len(exchanged.arrivals) == math.factorial(3) - 1
     assert sorted(exchanged.arrivals[0].tolist()) == [6, 7, 8]
     assert len(turned.arrivals) == 23

@@ -6,90 +6,66 @@ import pickle
 
 import numpy as np
 import pytest
-from small_scenarios import small
+from small_scenarios import BESIDE, abreast, small
 
-from casswarm import Scenario, SwarmPlan, evaluate, make_policy, plan, plan_swarm, simulate
+from casswarm import evaluate, make_policy, plan, plan_swarm, simulate
 from casswarm.errors import PolicyError
 from casswarm.joint import PlanTree
 from casswarm.policies import JointPolicy, ReplanningPolicy
 from casswarm.solvers import Ipopt
 
-RADARS = [(1.0, 0.9), (2.2, -0.8)]
-
-
-def crowded() -> Scenario:
-    """Three members that collide: survivors close up."""
-    positions = [(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)]
-    return small(
-        positions,
-        (3.0, 0.2),
-        RADARS,
-        8,
-        hazard__kind="saturation+collision",
-        hazard__beta_1=0.3,
-        hazard__beta_2=4.0,
-    )
+STARTS = [(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)]
+COLLIDING = {"hazard__kind": "saturation+collision", "hazard__beta_1": 0.3, "hazard__beta_2": 4.0}
+CROWDED = small(STARTS, (3.0, 0.2), BESIDE, 8, **COLLIDING)
+"""Three members that collide: survivors close up."""
 
 
 @pytest.fixture(scope="module")
-def planned() -> tuple[Scenario, SwarmPlan]:
-    scenario = crowded()
-    return scenario, plan_swarm(scenario, initial_guesses=["formations"])
+def first():
+    return plan_swarm(CROWDED, initial_guesses=["formations"])
 
 
-def feedback(
-    planned: tuple[Scenario, SwarmPlan], mass: float = 1e-3, solver: Ipopt | None = None
-) -> ReplanningPolicy:
-    scenario, first = planned
-    tree = PlanTree(scenario, first, solver, mass)
+def feedback(first, mass=1e-3, solver=None):
+    tree = PlanTree(CROWDED, first, solver, mass)
     return ReplanningPolicy(tree, JointPolicy.from_plan(first))
 
 
-def test_replanning_succeeds_more_often_than_plan(planned: tuple[Scenario, SwarmPlan]) -> None:
-    scenario, first = planned
-    policy = feedback(planned)
-    distribution = evaluate(scenario, policy, tolerance=0)
-    assert first.success is not None
-    assert first.bound is not None
+def test_replanning_succeeds_more_often_than_plan(first):
+    policy = feedback(first)
+    distribution = evaluate(CROWDED, policy, tolerance=0)
     assert distribution.residual_mass == 0
     assert first.success[1] + 1e-4 < distribution.success[0] < first.bound.value
     assert policy.tree.solves > 10
     assert distribution.infeasible == 0
 
 
-def test_plan_tree_solves_each_situation_once(planned: tuple[Scenario, SwarmPlan]) -> None:
-    scenario, _ = planned
-    policy = feedback(planned)
-    successes = [evaluate(scenario, policy, tolerance=0).success]
+def test_plan_tree_solves_each_situation_once(first):
+    policy = feedback(first)
+    successes = [evaluate(CROWDED, policy, tolerance=0).success]
     solves = policy.tree.solves
     assert solves == len(policy.tree.branches)
-    successes.append(evaluate(scenario, policy, tolerance=0).success)
+    successes.append(evaluate(CROWDED, policy, tolerance=0).success)
     assert policy.tree.solves == solves
     assert successes[0] == successes[1]
 
 
-def test_replanning_high_min_probability_follows_plan(
-    planned: tuple[Scenario, SwarmPlan],
-) -> None:
-    scenario, first = planned
-    policy = feedback(planned, mass=1.0)
-    distribution = evaluate(scenario, policy, tolerance=0)
+def test_replanning_high_min_probability_follows_plan(first):
+    policy = feedback(first, mass=1.0)
+    distribution = evaluate(CROWDED, policy, tolerance=0)
     assert policy.tree.solves == 0
-    assert first.success is not None
     assert first.success[0] <= distribution.success[0] <= first.success[1]
 
 
-def test_replanning_is_independent_of_call_order(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_replanning_is_independent_of_call_order(first):
     """The same situations, all at once, one by one backwards, and after a pickle."""
-    _, first = planned
     step = 3
     alive = np.array([[True, True, False], [True, False, True], [False, True, True], [True] * 3])
     positions = np.where(alive[..., None], first.positions[step], 0.0)
     previous_velocities = np.where(alive[..., None], first.velocities[step - 1], 0.0)
-    policy = feedback(planned)
+    policy = feedback(first)
     sent = pickle.loads(pickle.dumps(policy))
     together = policy.velocities(step, positions, previous_velocities, alive)
-    for other in (sent, feedback(planned)):
+    for other in (sent, feedback(first)):
         for row in reversed(range(4)):
             one = other.velocities(
                 step,
@@ -101,34 +77,27 @@ def test_replanning_is_independent_of_call_order(planned: tuple[Scenario, SwarmP
 
 
 @pytest.mark.slow
-def test_replanning_is_independent_of_batches(planned: tuple[Scenario, SwarmPlan]) -> None:
-    scenario, _ = planned
+def test_replanning_is_independent_of_batches(first):
     studies = [
-        simulate(
-            scenario, [feedback(planned)], runs=60, seed=5, workers=workers, save_trajectories=0
-        )
+        simulate(CROWDED, [feedback(first)], runs=60, seed=5, workers=workers, save_trajectories=0)
         for workers in (1, 2)
     ]
     assert studies[0].runs.equals(studies[1].runs)
     assert studies[0].summary["saturated"].item() == 0
 
 
-def test_replanning_failed_solves_are_counted_and_harmless(
-    planned: tuple[Scenario, SwarmPlan],
-) -> None:
-    scenario, first = planned
+def test_replanning_failed_solves_are_counted_and_harmless(first):
     limited = Ipopt(max_iter=1, hessian="limited-memory")
-    policy = feedback(planned, 1e-2, limited)
-    distribution = evaluate(scenario, policy, tolerance=0)
+    policy = feedback(first, 1e-2, limited)
+    distribution = evaluate(CROWDED, policy, tolerance=0)
     assert policy.tree.failures == policy.tree.solves > 0
     assert distribution.failures > 0
-    assert first.success is not None
     assert distribution.success[0] >= first.success[0]
 
 
 @pytest.mark.slow
-def test_replanning_survivors_keep_min_distance() -> None:
-    scenario = small([(0.0, 0.0), (0.5, 0.1), (-0.2, 0.5)], (3.0, 0.2), RADARS, 8)
+def test_replanning_survivors_keep_min_distance():
+    scenario = small(STARTS, (3.0, 0.2), BESIDE, 8)
     first = plan_swarm(scenario, initial_guesses=["formations"], min_distance=0.3)
     tree = PlanTree(scenario, first, min_probability=1e-2)
     evaluate(scenario, ReplanningPolicy(tree, JointPolicy.from_plan(first)), tolerance=1e-2)
@@ -139,10 +108,9 @@ def test_replanning_survivors_keep_min_distance() -> None:
         assert np.hypot(*difference.T).min() >= 0.3 - 1e-4
 
 
-def test_replanning_unplanned_state_is_steered_back(planned: tuple[Scenario, SwarmPlan]) -> None:
-    scenario, first = planned
-    policy = feedback(planned)
-    positions = scenario.positions[None] + 0.3
+def test_replanning_unplanned_state_is_steered_back(first):
+    policy = feedback(first)
+    positions = CROWDED.positions[None] + 0.3
     decision = policy.decide(0, positions, first.initial_velocities[None], np.ones((1, 3), bool))
     open_loop = policy.open_loop.decide(
         0, positions, first.initial_velocities[None], np.ones((1, 3), bool)
@@ -151,8 +119,8 @@ def test_replanning_unplanned_state_is_steered_back(planned: tuple[Scenario, Swa
     assert decision.fallbacks.sum() == policy.tree.solves == 0
 
 
-def test_replanning_policy_by_name_is_not_worse() -> None:
-    scenario = small([(0.0, 0.0), (0.4, 0.1)], (3.0, 0.2), RADARS, 8)
+def test_replanning_policy_by_name_is_not_worse():
+    scenario = abreast(2)
     guide = plan(scenario, certify=False)
     policy = make_policy("joint-replanning", scenario, guide)
     distribution = evaluate(scenario, policy, tolerance=1e-3, guide=guide)
@@ -160,14 +128,14 @@ def test_replanning_policy_by_name_is_not_worse() -> None:
     assert distribution.success[1] >= open_loop.success[0]
 
 
-def test_plan_tree_without_exact_distribution_raises() -> None:
+def test_plan_tree_without_exact_distribution_raises():
     positions = [(0.1 * i, 0.0) for i in range(11)]
-    scenario = small(positions, (3.0, 0.2), RADARS, 8)
+    scenario = small(positions, (3.0, 0.2), BESIDE, 8)
     first = plan_swarm(scenario, initial_guesses=["formations"], time_limit=1e-3)
     with pytest.raises(PolicyError, match="at most 10 members; this swarm has 11"):
         PlanTree(scenario, first)
 
 
-def test_plan_tree_probability_out_of_range_raises(planned: tuple[Scenario, SwarmPlan]) -> None:
+def test_plan_tree_probability_out_of_range_raises(first):
     with pytest.raises(PolicyError, match="from 0 to 1"):
-        PlanTree(*planned, min_probability=2.0)
+        PlanTree(CROWDED, first, min_probability=2.0)

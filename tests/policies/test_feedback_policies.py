@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import pickle
 import subprocess
 import sys
 from functools import cache
@@ -13,12 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from small_scenarios import DT, Array, single_agent_rate_by_hand, small
 
-from casswarm import Scenario, evaluate, make_policy, plan, simulate
+from casswarm import Scenario, evaluate, make_policy, plan
 from casswarm.grid import ValueFunction
 from casswarm.guide import plan_from
 from casswarm.motion import PlanarSets
@@ -137,34 +134,6 @@ def test_single_agent_distribution_matches_feedback_guide() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=8, deadline=None)
-def test_decision_of_a_state_is_independent_of_batch(name: str, seed: int) -> None:
-    positions, previous_velocities, alive = states(30, seed)
-    whole = policy(name).decide(3, positions, previous_velocities, alive)
-    for rows in (slice(0, 1), slice(7, 20)):
-        part = policy(name).decide(3, positions[rows], previous_velocities[rows], alive[rows])
-        np.testing.assert_array_equal(part.velocities, whole.velocities[rows])
-        np.testing.assert_array_equal(part.infeasible, whole.infeasible[rows])
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_decision_ignores_destroyed_and_order_of_members(name: str) -> None:
-    positions, previous_velocities, alive = states(30, 2)
-    expected = policy(name).decide(3, positions, previous_velocities, alive).velocities
-    order = [2, 0, 3, 1]
-    turned = policy(name).decide(
-        3, positions[:, order], previous_velocities[:, order], alive[:, order]
-    )
-    np.testing.assert_allclose(turned.velocities, expected[:, order], atol=1e-4)
-    elsewhere = np.where(alive[..., None], positions, 7.0)
-    other = policy(name).lead_agents(3, elsewhere, previous_velocities, alive)
-    same = policy(name).lead_agents(3, positions, previous_velocities, alive)
-    np.testing.assert_array_equal(other[0], same[0])
-    np.testing.assert_array_equal(other[1], same[1])
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_lead_agent_is_alive_and_reaches_best_next_point(name: str) -> None:
     positions, previous_velocities, alive = states(200, 3)
     first, goals = policy(name).lead_agents(2, positions, previous_velocities, alive)
@@ -208,16 +177,6 @@ def test_corridor_members_stay_near_lead_agent_or_count_infeasible() -> None:
     np.testing.assert_allclose(away[unable], distance[unable], atol=1e-6)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_feedback_policies_pickle_and_need_no_guide(name: str) -> None:
-    again = pickle.loads(pickle.dumps(policy(name)))
-    state = states(5, 6)
-    np.testing.assert_array_equal(
-        again.decide(1, *state).velocities, policy(name).decide(1, *state).velocities
-    )
-    assert again.name == name
-
-
 # --- success
 
 
@@ -228,16 +187,6 @@ def test_feedback_improves_success_of_dispersed_swarm(name: str) -> None:
     fixed = evaluate(scenario(), name, **options)
     feedback = evaluate(scenario(), f"{name}-feedback", **options)
     assert feedback.success[0] > fixed.success[1]
-
-
-def test_feedback_samples_agree_with_exact_distribution() -> None:
-    guide = plan(scenario(), certify=False)
-    distribution = evaluate(scenario(), "leader-feedback", 1e-3, aggregation_tol=1e-6, guide=guide)
-    study = simulate(scenario(), ["leader-feedback"], runs=1000, seed=7, guide=guide)
-    row = study.summary.iloc[0]
-    assert row.success_low <= distribution.success[1]
-    assert distribution.success[0] <= row.success_high
-    assert row.solver_failures == 0
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -27,7 +26,7 @@ from casswarm import (
     make_solver,
     plan,
 )
-from casswarm.errors import PolicyError, SolverError
+from casswarm.errors import SolverError
 from casswarm.figures import mpc_chart
 from casswarm.formation import (
     Auto,
@@ -41,7 +40,7 @@ from casswarm.formation.task import FOLLOWER_WEIGHT
 from casswarm.motion import Motion, Step
 from casswarm.policies import LeaderPolicy
 
-# --- custom rates, solvers, pickling, names
+# --- custom rates, and solvers
 
 
 def test_mpc_with_custom_rates_is_solved_by_ipopt() -> None:
@@ -68,35 +67,6 @@ def test_unsuitable_solver_raises_solver_error() -> None:
     formation = corridor_formation(data, RHO)
     with pytest.raises(SolverError, match="needs paths within limits"):
         InteriorPoint().solve_batch(formation.nlp, formation.instances)
-
-
-def test_mpc_policy_pickles() -> None:
-    scenario = csw.load_scenario("paper-1")
-    guide = csw.plan(scenario, certify=False)
-    policy = make_policy("leader-mpc-3", scenario, guide)
-    assert policy.name == "leader-mpc-3"
-    X = scenario.positions[None]
-    state = (0, X, np.tile(guide.velocities[0], (1, 5, 1)), np.ones((1, 5), bool))
-    again = pickle.loads(pickle.dumps(policy))
-    np.testing.assert_array_equal(again.velocities(*state), policy.velocities(*state))
-
-
-@pytest.mark.parametrize(
-    ("name", "horizon", "words"),
-    [
-        ("leader", 0, "horizon = 0; allowed: whole numbers from 1"),
-        ("leader", 2.5, "horizon = 2.5"),
-        ("naive", 3, "'naive' has no horizon"),
-        ("leader-mpc-0", 1, "horizon = 0"),
-        ("leader-mpc-3", 2, "includes its horizon"),
-        ("leader-mpc-H", 1, "'leader-mpc-H' is unknown; .*leader-mpc-3"),
-        ("leader-mpc-", 1, "unknown"),
-        ("naive-mpc-3", 1, "unknown"),
-    ],
-)
-def test_invalid_horizon_raises_policy_error(name: str, horizon: int, words: str) -> None:
-    with pytest.raises(PolicyError, match=words):
-        make_policy(name, csw.load_scenario("paper-1"), horizon=horizon)
 
 
 # --- effect of the horizon
