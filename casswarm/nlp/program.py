@@ -154,11 +154,12 @@ class Nlp:
     @locked_property
     def row_names(self) -> tuple[str, ...]:
         """Name of every row of g, such as ``acceleration[3]``."""
-        return tuple(
-            f"{name}[{row}]"
-            for name, block in self.constraints.items()
-            for row in range(block.numel())
-        )
+        return _entry_names(self.constraints)
+
+    @locked_property
+    def variable_names(self) -> tuple[str, ...]:
+        """Name of every entry of x, such as ``positions[3]``."""
+        return _entry_names(self.variables)
 
     def pack_variables(self, **blocks: ArrayLike) -> FloatArray:
         """Variables of B instances, (B, nx), from arrays (B, c, r) or (c, r) by block."""
@@ -191,6 +192,10 @@ class Nlp:
                 return part.reshape(*x.shape[:-1], columns, rows)
             start += symbol.numel()
         raise KeyError(name)
+
+
+def _entry_names(blocks: Mapping[str, Expr]) -> tuple[str, ...]:
+    return tuple(f"{name}[{i}]" for name, block in blocks.items() for i in range(block.numel()))
 
 
 @one_at_a_time

@@ -26,7 +26,7 @@ from .._util.interrupts import interruptible
 from .._util.user_code import USER_ERRORS
 from ..errors import CasswarmError, SolverError
 from ..nlp.program import Instances, Nlp
-from ..nlp.residuals import kkt_residuals
+from ..nlp.residuals import invalid_value, kkt_residuals
 from ..nlp.solution import BatchSolution, Solution, Status
 from ..typing import FloatArray, IntArray
 
@@ -313,11 +313,15 @@ class Solver(ABC):
             answer = failed(instance, f"gave x of shape {shape}: {answer.message}")[0]
         residuals = kkt_residuals(nlp, instance, answer.x, answer.multipliers)
         unverified = answer.status.success and not residuals.violation <= VIOLATION
+        message = answer.message
+        if not (answer.status.success or np.isfinite(residuals.stationarity)):
+            reason = invalid_value(nlp, instance, answer.x)
+            message = "; ".join(filter(None, [message, reason]))
         return Solution(
             x=answer.x,
             objective=float(nlp.evaluate(answer.x, instance.p[0])[0]),
             status=Status.FAILED if unverified else answer.status,
-            message=answer.message,
+            message=message,
             solver=self.name,
             residuals=residuals,
             iterations=answer.iterations,
