@@ -20,7 +20,7 @@ from ..compiled.kernels import kernel
 from ..policies.base import Policy, policy_call
 from ..typing import BoolArray, FloatArray, IntArray, Progress
 from .states import States, distinct_survivors
-from .transition import COUNTS, Lattice, Transition, transition
+from .transition import COUNTS, Lattice, transition
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -375,7 +375,9 @@ class _RunBatch:
         parent = rows[first]
         alive = draws[active[first]] < survival[parent]  # of the distinct states that follow
         arrived = (alive & move.inside[parent]).any(axis=1)
-        self.record(policy, step, active, move, alive[child[: self.recorder.runs]])
+        saved = active[active < self.recorder.runs]
+        own, survivors = rows[: len(saved)], alive[child[: len(saved)]]
+        self.recorder.record(policy, step, saved, self.table[own], move.positions[own], survivors)
         self.steps[active] = step + 1
         self.survivors[active] = alive.sum(axis=1)[child]
         self.arrival[active[arrived[child]]] = step + 1
@@ -384,13 +386,3 @@ class _RunBatch:
         self.row[active] = (np.cumsum(runs_on) - 1)[child]
         weights = np.ones(int(runs_on.sum()))
         self.set_table(move.following(parent[runs_on], alive[runs_on], weights))
-
-    def record(
-        self, policy: Policy, step: int, active: IntArray, move: Transition, alive: BoolArray
-    ) -> None:
-        """Record a step of the runs whose trajectories are saved, before they advance."""
-        saved = active[active < self.recorder.runs]
-        rows = self.row[saved]
-        self.recorder.record(
-            policy, step, saved, self.table[rows], move.positions[rows], alive[: len(saved)]
-        )

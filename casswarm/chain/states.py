@@ -101,19 +101,16 @@ class States:
         """All states of one or more batches."""
         if len(batches) == 1:
             return batches[0]
-        names = ("positions", "previous_velocities", "alive", "weights")
-        return cls(*(np.concatenate([getattr(b, name) for b in batches]) for name in names))
+        return cls(*map(np.concatenate, zip(*(batch._arrays() for batch in batches), strict=True)))
+
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        return self.positions, self.previous_velocities, self.alive, self.weights
 
     def __len__(self) -> int:
         return len(self.weights)
 
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> States:
-        return States(
-            self.positions[rows],
-            self.previous_velocities[rows],
-            self.alive[rows],
-            self.weights[rows],
-        )
+        return States(*(array[rows] for array in self._arrays()))
 
     @property
     def mass(self) -> float:

@@ -96,7 +96,9 @@ class Lattice:
         if spacing != 0.0 and not finest <= spacing <= coarsest:
             raise PolicyError(
                 f"aggregation_tol = {spacing:g}; allowed: 0, or from {finest:.3g}, for double "
-                f"precision, to {coarsest:.3g}, a part of what members can move in a step"
+                f"precision, to {coarsest:.3g}, a part of what members can move in a step",
+                key="aggregation_tol",
+                value=spacing,
             )
         return cls(path, spacing, motion.dt, motion.v_max) if spacing else None
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from ..compiled.kernels import kernel
 from ..hazard.rate_kernels import (
     COLLIDES,
+    FIRST_RADAR,
     Parameters,
     collision,
     density,
@@ -293,7 +294,7 @@ def own_curvature(
     weight, east_i, north_i = p[5 * n + k // 3], east[i], north[i]
     risk, risk_east, risk_north = 0.0, 0.0, 0.0
     around, east_east, east_north, north_north = 0.0, 0.0, 0.0, 0.0
-    for r in range(1, 1 + 3 * int(constants[0]), 3):
+    for r in range(FIRST_RADAR, constants.size, 3):
         de, dn, strength = east_i - constants[r], north_i - constants[r + 1], constants[r + 2]
         value, slope, curvature = second_source(de * de + dn * dn, parameters)
         risk += strength * value

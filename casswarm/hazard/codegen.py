@@ -104,7 +104,7 @@ def lowered_derivatives(hazard: KernelHazard) -> tuple[Callable[..., tuple[Float
 
 @locked_cache(maxsize=64)
 def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]]:
-    """Python source of the kernels with their derivatives, and the parameters that it reads.
+    """Python source of the kernels with their derivatives, and two or more parameters it may read.
 
     ``density(x0, parameters)`` returns value and derivative, ``second_density`` the second
     derivative too, and so on; where there are several arguments, the upper triangle by rows.
@@ -113,7 +113,9 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
     share compiled code.
     """
     names = [f.name for f in fields(hazard) if isinstance(getattr(hazard, f.name), (int, float))]
-    parameters = ca.SX.sym("parameters", max(2, len(names)))  # never a scalar: it is indexed
+    values = [float(getattr(hazard, name)) for name in names]
+    values += [0.0] * (2 - len(values))  # never a scalar: they are indexed
+    parameters = ca.SX.sym("parameters", len(values))
     symbolic = copy(hazard)
     for index, name in enumerate(names):
         object.__setattr__(symbolic, name, parameters[index])
@@ -122,8 +124,8 @@ def differentiated_kernels(hazard: KernelHazard) -> tuple[str, tuple[float, ...]
     except HazardError:
         raise
     except Exception:  # a kernel that branches on its numbers
-        return _kernel_sources(hazard, parameters), ()
-    return source, tuple(float(getattr(hazard, name)) for name in names)
+        return _kernel_sources(hazard, parameters), (0.0, 0.0)
+    return source, tuple(values)
 
 
 def _kernel_sources(hazard: KernelHazard, parameters: Expr) -> str:

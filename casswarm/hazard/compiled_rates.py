@@ -10,13 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..compiled.kernels import generated_module, specialised
 from ..errors import HazardError
 from ..typing import BoolArray, FloatArray
 from .base import Hazard
-from .codegen import differentiated_kernels
+from .codegen import differentiated_kernels, lower_source
 from .kernel_hazard import KernelHazard
 
 _LANES = 64  # states of a block: they fit in the first cache
@@ -66,16 +67,9 @@ def rate_module(
         text, parameters = differentiated_kernels(hazard)
     except HazardError:
         return None
-    unpacked = ", ".join(f"constants[first + {i}]" for i in range(len(parameters)))
-    text += f"""
-
-COLLIDES = {hazard.collides}
-
-
-def unpacked(constants):
-    first = 1 + 3 * int(constants[0])
-    return ({unpacked}{"," if parameters else ""})
-"""
+    symbols = ca.SX.sym("constants", len(parameters))
+    unpacked = lower_source("unpacked", {"constants": symbols}, ca.vertsplit(symbols))
+    text += f"\n\nCOLLIDES = {hazard.collides}\nFIRST_RADAR = {len(parameters)}\n\n\n{unpacked}"
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
-    constants = np.concatenate([[len(radars)], radars.ravel(), parameters])
+    constants = np.concatenate([parameters, radars.ravel()])
     return specialised(text, *kernels, reordering=reordering), constants

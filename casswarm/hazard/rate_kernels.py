@@ -2,8 +2,7 @@
 
 The functions at the beginning stand for the kernels of a hazard. `compiled_rates.rate_module` makes
 them from its expressions, and compiles what calls them with these in their place, so that they are
-inlined. The constants of a hazard are the number of its radars, their positions and strengths, and
-its parameters.
+inlined. The constants of a hazard are its parameters, and the position and strength of every radar.
 """
 
 from __future__ import annotations
@@ -23,6 +22,9 @@ LANES = 32
 
 COLLIDES = True
 """Stands for whether members collide."""
+
+FIRST_RADAR = 2
+"""Stands for the place of the first radar in the constants, after the parameters."""
 
 
 @kernel
@@ -96,7 +98,7 @@ def member_rate(
     Those are half the gradient of the sum over radars, and the derivatives in the two other `sums`.
     """
     risk, risk_east, risk_north = 0.0, 0.0, 0.0
-    for r in range(1, 1 + 3 * int(constants[0]), 3):
+    for r in range(FIRST_RADAR, constants.size, 3):
         de, dn = position[0] - constants[r], position[1] - constants[r + 1]
         value, slope = source(de * de + dn * dn, parameters)
         risk += constants[r + 2] * value
@@ -145,7 +147,7 @@ def write_block(
                     value = collision(de * de + dn * dn, parameters)[0]
                     collisions_i[k] += living_j[k] * value
                     collisions_j[k] += living[k] * value
-        for r in range(1, 1 + 3 * int(constants[0]), 3):
+        for r in range(FIRST_RADAR, constants.size, 3):
             radar_east, radar_north, strength = constants[r], constants[r + 1], constants[r + 2]
             for k in range(lanes):
                 de, dn = east[k] - radar_east, north[k] - radar_north

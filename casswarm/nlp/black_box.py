@@ -17,7 +17,7 @@ from typing_extensions import override
 from .._util.threads import one_at_a_time
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import ProblemError
-from ..typing import FloatArray
+from ..typing import Expr, FloatArray
 from .conversion import START, refusal, require_solvable
 from .program import Instances, LagrangianHessian, Nlp
 
@@ -69,7 +69,7 @@ class BlackBoxNlp(Nlp):
         """The program of a black box: a block x of variables and a block g of constraints."""
         x = ca.MX.sym("x", box.n)
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", box.m)
-        callbacks = _Values(box), _Hessian(box)
+        callbacks = _callbacks(box)
         values = callbacks[0](x)
         upper = ca.triu(callbacks[1](x, ca.vertcat(lam_f, lam_g)))
         return cls(
@@ -95,140 +95,110 @@ def _restore(name: str, box: BlackBox, *attachments: object) -> BlackBoxNlp:
     return BlackBoxNlp.of(name, box).with_attachments(*attachments)
 
 
-class _Callback(ca.Callback):
-    """A function of dense arguments of given sizes, with a single output."""
+class DenseCallback(ca.Callback):
+    """CasADi's form of a function of columns of given sizes, with a single output.
 
-    value: Callable[..., FloatArray]
+    Its derivatives are those of `rules` for CasADi's "jacobian", "reverse" and "forward": functions
+    of the inputs and of what CasADi seeds, to lists of expressions.
+    """
 
-    def __init__(self, box: BlackBox, inputs: Sequence[int], output: tuple[int, int]) -> None:
+    def __init__(
+        self,
+        name: str,
+        value: Callable[..., FloatArray],
+        inputs: tuple[int, ...],
+        output: tuple[int, int],
+        **rules: Callable[..., list[Expr]],
+    ) -> None:
         ca.Callback.__init__(self)
-        self.box, self._inputs, self._output = box, inputs, output
+        self._value, self._inputs, self._output, self._rules = value, inputs, output, rules
         self._kept: list[Any] = []  # CasADi does not keep the functions of derivatives
-        self.construct(f"black_box{type(self).__name__.lower()}", {})
+        self.construct(name, {})
 
+    @override
     def get_n_in(self) -> int:
         return len(self._inputs)
 
+    @override
     def get_n_out(self) -> int:
         return 1
 
+    @override
     def get_sparsity_in(self, i: int) -> Any:
         return ca.Sparsity.dense(self._inputs[i], 1)
 
+    @override
     def get_sparsity_out(self, _: int) -> Any:
         return ca.Sparsity.dense(*self._output)
 
+    @override
     def eval(self, arguments: Sequence[Any]) -> list[FloatArray]:
-        value = self.value(*(np.asarray(argument).ravel() for argument in arguments))
+        value = self._value(*(np.asarray(argument).ravel() for argument in arguments))
         return [np.asarray(value, dtype=float).reshape(self._output)]
 
-    def keep(self, function: Any) -> Any:
-        """The function, referred to from here."""
-        self._kept.append(function)
-        return function
-
-
-class _Values(_Callback):
-    """Of f and g; derivatives in reverse mode are those of weighted sums."""
-
-    def __init__(self, box: BlackBox) -> None:
-        super().__init__(box, [box.n], (1 + box.m, 1))
-
-    def value(self, x: FloatArray) -> FloatArray:
-        return self.box.values(x)
-
+    @override
     def has_jacobian(self) -> bool:
-        return True
+        return "jacobian" in self._rules
 
-    def get_jacobian(self, name: str, inames: Any, onames: Any, options: Any) -> Any:
-        x, values = ca.MX.sym("x", self.box.n), ca.MX.sym("values", 1 + self.box.m)
-        jacobian = self.keep(_Jacobian(self.box))(x)
-        return self.keep(ca.Function(name, [x, values], [jacobian], inames, onames, options))
+    @override
+    def get_jacobian(self, name: str, *form: Any) -> Any:
+        return self._derivative("jacobian", (), name, *form)
 
+    @override
     def has_reverse(self, number: int) -> bool:
-        return number == 1
+        return number == 1 and "reverse" in self._rules
 
-    def get_reverse(self, _: int, name: str, inames: Any, onames: Any, options: Any) -> Any:
-        x = ca.MX.sym("x", self.box.n)
-        values, weights = (ca.MX.sym(name, 1 + self.box.m) for name in ("values", "weights"))
-        gradient = self.keep(_Gradient(self.box))(x, weights)
-        function = ca.Function(name, [x, values, weights], [gradient], inames, onames, options)
-        return self.keep(function)
+    @override
+    def get_reverse(self, _: int, name: str, *form: Any) -> Any:
+        return self._derivative("reverse", self._output[:1], name, *form)
 
+    @override
     def has_forward(self, number: int) -> bool:
-        return number == 1
+        return number == 1 and "forward" in self._rules
 
-    def get_forward(self, _: int, name: str, inames: Any, onames: Any, options: Any) -> Any:
-        x, step = (ca.MX.sym(name, self.box.n) for name in ("x", "step"))
-        values = ca.MX.sym("values", 1 + self.box.m)
-        change = self.keep(_Change(self.box))(x, step)
-        function = ca.Function(name, [x, values, step], [change], inames, onames, options)
-        return self.keep(function)
+    @override
+    def get_forward(self, _: int, name: str, *form: Any) -> Any:
+        return self._derivative("forward", self._inputs, name, *form)
 
-
-class _Change(_Callback):
-    """Derivative of f and g along a step."""
-
-    def __init__(self, box: BlackBox) -> None:
-        super().__init__(box, [box.n, box.n], (1 + box.m, 1))
-
-    def value(self, x: FloatArray, step: FloatArray) -> FloatArray:
-        return self.box.jacobian(x) @ step
-
-    def has_reverse(self, number: int) -> bool:
-        return number == 1
-
-    def get_reverse(self, _: int, name: str, inames: Any, onames: Any, options: Any) -> Any:
-        x, step = (ca.MX.sym(name, self.box.n) for name in ("x", "step"))
-        change, weights = (ca.MX.sym(name, 1 + self.box.m) for name in ("change", "weights"))
-        outputs = [
-            self.keep(_Hessian(self.box))(x, weights) @ step,
-            self.keep(_Gradient(self.box))(x, weights),
-        ]
-        inputs = [x, step, change, weights]
-        return self.keep(ca.Function(name, inputs, outputs, inames, onames, options))
+    def _derivative(self, rule: str, sizes: tuple[int, ...], name: str, *form: Any) -> Any:
+        """CasADi's function of the inputs, the output and seeds, by one of the rules."""
+        inputs = [ca.MX.sym("input", size) for size in self._inputs]
+        seeds = [ca.MX.sym("seed", size) for size in sizes]
+        output = ca.MX.sym("output", *self._output)
+        derivatives = self._rules[rule](*inputs, *seeds)
+        self._kept.append(ca.Function(name, [*inputs, output, *seeds], derivatives, *form))
+        return self._kept[-1]
 
 
-class _Jacobian(_Callback):
-    """Of f and g."""
-
-    def __init__(self, box: BlackBox) -> None:
-        super().__init__(box, [box.n], (1 + box.m, box.n))
-
-    def value(self, x: FloatArray) -> FloatArray:
-        return self.box.jacobian(x)
-
-
-class _Gradient(_Callback):
-    """Of a weighted sum of f and g."""
-
-    def __init__(self, box: BlackBox) -> None:
-        super().__init__(box, [box.n, 1 + box.m], (box.n, 1))
-
-    def value(self, x: FloatArray, weights: FloatArray) -> FloatArray:
-        return weights @ self.box.jacobian(x)
-
-    def has_jacobian(self) -> bool:
-        return True
-
-    def get_jacobian(self, name: str, inames: Any, onames: Any, options: Any) -> Any:
-        x, weights = ca.MX.sym("x", self.box.n), ca.MX.sym("weights", 1 + self.box.m)
-        outputs = [
-            self.keep(_Hessian(self.box))(x, weights),
-            self.keep(_Jacobian(self.box))(x).T,
-        ]
-        inputs = [x, weights, ca.MX.sym("gradient", self.box.n)]
-        return self.keep(ca.Function(name, inputs, outputs, inames, onames, options))
-
-
-class _Hessian(_Callback):
-    """Of a weighted sum of f and g."""
-
-    def __init__(self, box: BlackBox) -> None:
-        super().__init__(box, [box.n, 1 + box.m], (box.n, box.n))
-
-    def value(self, x: FloatArray, weights: FloatArray) -> FloatArray:
-        return self.box.hessian(x, weights)
+def _callbacks(box: BlackBox) -> tuple[DenseCallback, DenseCallback]:
+    """Values of f and g, and the Hessian of their weighted sum, a function of the weights too."""
+    n, m = box.n, 1 + box.m
+    hessian = DenseCallback("hessian", box.hessian, (n, m), (n, n))
+    jacobian = DenseCallback("jacobian", box.jacobian, (n,), (m, n))
+    gradient = DenseCallback(
+        "gradient",  # of a weighted sum
+        lambda x, weights: weights @ box.jacobian(x),
+        (n, m),
+        (n, 1),
+        jacobian=lambda x, weights: [hessian(x, weights), jacobian(x).T],
+    )
+    change = DenseCallback(
+        "change",  # along a step
+        lambda x, step: box.jacobian(x) @ step,
+        (n, n),
+        (m, 1),
+        reverse=lambda x, step, weights: [hessian(x, weights) @ step, gradient(x, weights)],
+    )
+    values = DenseCallback(
+        "values",
+        box.values,
+        (n,),
+        (m, 1),
+        jacobian=lambda x: [jacobian(x)],
+        reverse=lambda x, weights: [gradient(x, weights)],
+        forward=lambda x, step: [change(x, step)],
+    )
+    return values, hessian
 
 
 # --- problems of CUTEst

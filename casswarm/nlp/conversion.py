@@ -133,20 +133,12 @@ def _starts(nlp: Nlp, arguments: Mapping[str, Any], name: str) -> dict[str, Inst
     if parameters and "p" not in arguments:
         raise refusal(name, " has parameters without values; give p", key="p")
     sizes = {"p": parameters, "lbx": variables, "ubx": variables}
-    sizes |= {"lbg": constraints, "ubg": constraints}
-    vectors = {
-        key: _vector(name, key, arguments.get(key, _DEFAULTS[key]), size)
-        for key, size in sizes.items()
-    }
+    sizes |= {"lbg": constraints, "ubg": constraints}  # in the order of `Instances`
+    vectors = [
+        _vector(name, key, arguments.get(key, _DEFAULTS[key]), size) for key, size in sizes.items()
+    ]
     starts = {
-        start: Instances(
-            _vector(name, "x0", guess, variables),
-            vectors["p"],
-            vectors["lbx"],
-            vectors["ubx"],
-            vectors["lbg"],
-            vectors["ubg"],
-        )
+        start: Instances(_vector(name, "x0", guess, variables), *vectors)
         for start, guess in guesses.items()
     }
     require_solvable(nlp, starts, name)

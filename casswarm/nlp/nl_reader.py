@@ -122,21 +122,20 @@ def read_header(lines: Lines) -> Header:
 
 def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
     """Raise for parts of the format that cannot be read; `rows` are the lines after the first."""
-    discrete = sum(rows[5])
-    if discrete:
-        integers = counted(discrete, "integer variable")
-        raise lines.refusal(f"has {integers}; only continuous ones are supported")
-    if _first(rows[0], 3)[2] > 1:
-        raise lines.refusal(f"has {rows[0][2]} objectives; only one is supported")
-    if any(rows[0][5:6]):
-        raise lines.refusal(f"has {rows[0][5]} logical constraints, which are not supported")
-    if any(rows[1][2:4]):
-        raise lines.refusal(
-            f"has {sum(rows[1][2:4])} complementarity conditions, which are not supported"
-        )
-    if any(rows[4][1:2]):
-        functions = counted(rows[4][1], "function")
-        raise lines.refusal(f"imports {functions} of a library, which is not supported")
+    logical, conditions, functions = sum(rows[0][5:6]), sum(rows[1][2:4]), sum(rows[4][1:2])
+    objectives, discrete = _first(rows[0], 3)[2], sum(rows[5])
+    imports = f"imports {counted(functions, 'function')} of a library, which is not supported"
+    integers = f"has {counted(discrete, 'integer variable')}; only continuous ones are supported"
+    refusals = (
+        (discrete, integers),
+        (objectives > 1, f"has {objectives} objectives; only one is supported"),
+        (logical, f"has {logical} logical constraints, which are not supported"),
+        (conditions, f"has {conditions} complementarity conditions, which are not supported"),
+        (functions, imports),
+    )
+    for refused, reason in refusals:
+        if refused:
+            raise lines.refusal(reason)
 
 
 def _counts(lines: Lines) -> list[int]:
@@ -159,6 +158,8 @@ _UNSUPPORTED = {
     **dict.fromkeys((59, 60, 61, 62, 63, 66, 67, 68, 69, 72, 73, 74, 75), "a logical constraint"),
 }
 """Operators that no smooth problem has, or that CasADi has no counterpart of."""
+
+_UNSUPPORTED_SEGMENTS = {"F": "imports a function of a library", "L": "has a logical constraint"}
 
 _SOS = ("sosno", "ref", "sos", "sosref")
 """Suffixes that declare special ordered sets, which are conditions; others are hints."""
@@ -211,16 +212,14 @@ class _Reader:
             "x": self._guess,
             "r": lambda _: self._bounds(self.g_bounds, constraints),
             "b": lambda _: self._bounds(self.x_bounds, variables),
-            "d": self._skip_pairs,
-            "k": self._skip_columns,
-            "K": self._skip_columns,
+            "d": lambda line: self._skip(line[1:], 2),
+            "k": lambda line: self._skip(line[1:], 1),
+            "K": lambda line: self._skip(line[1:], 1),
         }
         while not lines.ended:
             line = lines.following()
-            if line[:1] == "F":
-                raise lines.refusal("imports a function of a library, which is not supported")
-            if line[:1] == "L":
-                raise lines.refusal("has a logical constraint, which is not supported")
+            if line[:1] in _UNSUPPORTED_SEGMENTS:
+                raise lines.refusal(f"{_UNSUPPORTED_SEGMENTS[line[0]]}, which is not supported")
             if line[:1] not in segments:
                 raise lines.refusal(f"has {line[:20]!r} where a segment should begin")
             segments[line[0]](line)
@@ -299,16 +298,11 @@ class _Reader:
             raise self.lines.refusal(f"has {line!r} where a suffix with its name is expected")
         if words[2] in _SOS:
             raise self.lines.refusal(f"has special ordered sets (suffix {words[2]}); not supported")
-        for _ in range(self.lines.integer(words[1], len(self.lines))):
-            self.lines.numbers(2)
+        self._skip(words[1], 2)
 
-    def _skip_pairs(self, line: str) -> None:
-        for _ in range(self.lines.integer(line[1:], len(self.lines))):
-            self.lines.numbers(2)
-
-    def _skip_columns(self, line: str) -> None:
-        for _ in range(self.lines.integer(line[1:], len(self.lines))):
-            self.lines.numbers(1)
+    def _skip(self, count: str, numbers: int) -> None:
+        for _ in range(self.lines.integer(count, len(self.lines))):
+            self.lines.numbers(numbers)
 
     # --- parts of segments
 

@@ -175,23 +175,11 @@ class Nlp:
 
     def parameter_blocks(self, p: FloatArray) -> dict[str, FloatArray]:
         """Arrays (B, c, r) of all blocks of parameters (B, np)."""
-        sizes = [block.numel() for block in self.parameters.values()]
-        parts = np.split(p, np.cumsum(sizes)[:-1], axis=1)
-        return {
-            name: part.reshape(-1, block.shape[1], block.shape[0])
-            for (name, block), part in zip(self.parameters.items(), parts, strict=True)
-        }
+        return _unpack(self.parameters, p)
 
     def variable(self, name: str, x: FloatArray) -> FloatArray:
         """Block of x with this name: (..., nx) to (..., c, r)."""
-        start = 0
-        for block, symbol in self.variables.items():
-            if block == name:
-                rows, columns = symbol.shape
-                part = x[..., start : start + rows * columns]
-                return part.reshape(*x.shape[:-1], columns, rows)
-            start += symbol.numel()
-        raise KeyError(name)
+        return _unpack(self.variables, x)[name]
 
 
 def _entry_names(blocks: Mapping[str, Expr]) -> tuple[str, ...]:
@@ -234,6 +222,13 @@ def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatA
                 expected=shape,
             ) from None
     return np.concatenate(columns, axis=1) if columns else np.empty((batch, 0))
+
+
+def _unpack(blocks: Mapping[str, Expr], x: FloatArray) -> dict[str, FloatArray]:
+    """Arrays (..., c, r) of all blocks, from their entries (..., size)."""
+    ends = np.cumsum([block.numel() for block in blocks.values()])
+    parts = zip(blocks.items(), np.split(x, ends[:-1], axis=-1), strict=True)
+    return {name: part.reshape(*x.shape[:-1], *block.shape[::-1]) for (name, block), part in parts}
 
 
 class FeasibleSet(Protocol):

@@ -18,9 +18,10 @@ from .._util.interrupts import interruptible
 from .._util.silence import silence
 from .._util.threads import locked_cache, one_at_a_time
 from ..errors import SolverError
+from ..nlp.black_box import DenseCallback
 from ..nlp.program import Instances, LagrangianHessian, Nlp
 from ..nlp.solution import Status
-from ..typing import Expr
+from ..typing import Expr, FloatArray
 from .base import (
     Answer,
     Capabilities,
@@ -98,15 +99,24 @@ class NlpsolSolver(Solver):
     @override
     def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
         """Points with which CasADi calls its ``iteration_callback``."""
-        callback = _Callback(nlp.sizes, self.needs_constraint_row)
+        log = IterateLog()
+
+        def record(x: FloatArray, *_: FloatArray) -> FloatArray:
+            log(x)
+            return np.zeros(1)  # continue
+
+        variables, parameters, rows = nlp.sizes
+        rows = max(rows, int(self.needs_constraint_row))
+        results = variables, 1, rows, variables, rows, parameters + 2  # x, f, g and multipliers
+        callback = DenseCallback("iterates", record, results, (1, 1))
         function = _built(self, nlp, {"iteration_callback": callback})
         answer = self._solve(function, instance, 0)
         if answer.seconds < _WARM_UP_SECONDS:  # the first call of a function takes longer
-            callback.log = IterateLog()
+            log = IterateLog()
             answer = self._solve(function, instance, 0)
-        reports_start = callback.log.count > answer.iterations
+        reports_start = log.count > answer.iterations
         x0 = instance.x0[0]
-        return callback.log.iterates(x0[:0] if reports_start else x0, instance.scale[0, 0])
+        return log.iterates(x0[:0] if reports_start else x0, instance.scale[0, 0])
 
     @one_at_a_time
     def _solve(self, function: Any, instances: Instances, i: int) -> Answer:
@@ -232,44 +242,6 @@ def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any]) -> Any:
             solver=solver.name,
             problem=nlp.name,
         ) from error
-
-
-class _Callback(ca.Callback):
-    """Records the iterates of a solver that `_built` makes."""
-
-    def __init__(self, sizes: tuple[int, int, int], needs_constraint_row: bool) -> None:
-        super().__init__()
-        variables, parameters, rows = sizes
-        rows = max(rows, int(needs_constraint_row))
-        self.log = IterateLog()
-        shapes = {"f": 1, "x": variables, "lam_x": variables, "g": rows, "lam_g": rows}
-        self._shapes = shapes | {"lam_p": parameters + 2}
-        self.construct("iterates", {})
-
-    def get_n_in(self) -> int:
-        """Number of outputs of a solver."""
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        """A single one: whether to stop."""
-        return 1
-
-    def get_name_in(self, i: int) -> str:
-        """Name of an output of a solver."""
-        return str(ca.nlpsol_out(i))
-
-    def get_name_out(self, i: int) -> str:  # noqa: ARG002
-        """CasADi's own name."""
-        return "ret"
-
-    def get_sparsity_in(self, i: int) -> Any:
-        """Shape of an output of a solver."""
-        return ca.Sparsity.dense(self._shapes[ca.nlpsol_out(i)])
-
-    def eval(self, arguments: Sequence[Any]) -> list[int]:
-        """Record x, and continue."""
-        self.log(arguments[0])
-        return [0]
 
 
 _UNIFIED = {

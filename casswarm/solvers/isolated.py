@@ -263,7 +263,7 @@ def _solve_requested(pickled_solver: bytes, channel: Channel) -> None:
         try:
             reply: Any = getattr(solver, method)(programs[key], instances)
         except CasswarmError as error:
-            reply = SolverError(str(error))
+            reply = SolverError(str(error), **vars(error))
         except USER_ERRORS as error:  # of a user's `iterates`
             reply = SolverError(error_text(error))
         try:

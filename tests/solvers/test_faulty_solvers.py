@@ -21,7 +21,7 @@ from casswarm.errors import CheckpointError, SolverError
 from casswarm.formation import CompiledObjective, formation_program
 from casswarm.nlp import Status
 from casswarm.policies import formation_policies as formation
-from casswarm.solvers import Ipopt, Isolated
+from casswarm.solvers import Ipopt, Isolated, NlpSol
 
 PAPER = csw.load_scenario("paper-1")
 DEADLY = ("hang", "exit", "abort", "kill")
@@ -126,6 +126,14 @@ def test_isolated_rejects_what_does_not_pickle():
         Isolated("ipopt")
     with pytest.raises(SolverError, match="time_limit = 0; allowed: above zero"):
         Isolated(Ipopt(), 0)
+
+
+def test_isolated_error_has_the_values_of_the_solver_inside():
+    solver = Isolated(NlpSol("nosuch"))
+    with pytest.raises(SolverError, match="nosuch cannot run here") as caught:
+        solver.solve(*goals((0.0, 0.0)))
+    assert caught.value.solver == "nosuch"
+    solver.close()
 
 
 def test_nlp_pickles_with_equal_derivatives():

@@ -10,10 +10,11 @@ import casadi as ca
 import numpy as np
 
 from ..._util.threads import locked_cache
-from ...compiled.kernels import generated_module
+from ...compiled.kernels import generated_module, specialised
 from ...nlp.operations import OPERATIONS, instructions, operation_name
 from ...typing import Expr, FloatArray, IntArray
 from .iterate_kernels import LANES
+from .tape_kernels import evaluate
 
 _RESULTS = {code: text for code, (text, *_) in OPERATIONS.items() if text}
 
@@ -22,49 +23,25 @@ NUMBERS = {
 }
 """Number of an operation on a tape, by CasADi's code."""
 
-_CASE = """\
-                elif code == {number}:
-                    for lane in range({lanes}):
-                        x, y = one[lane], two[lane]
-                        out[lane] = {result}
-"""
+_ARGUMENTS = (0, 1, 0, *(2 for _ in _RESULTS))
+"""Number of places that an operation reads, by its number on a tape."""
 
-_SOURCE = """\
-@kernel
-def evaluate(operations, constants, inputs, places, results):
-    batch = results.shape[1]
-    for first in range(0, batch, {lanes}):
-        number = min({lanes}, batch - first)
-        for k in range(len(operations)):
-            code, target, left, right = operations[k]
-            if code == 0:
-                values = inputs[left]
-                for lane in range(number):
-                    places[target, lane] = values[right, first + lane]
-            elif code == 1:
-                for lane in range(number):
-                    results[right, first + lane] = places[left, lane]
-            else:
-                out, one, two = places[target], places[left], places[right]
-                if code == 2:
-                    for lane in range({lanes}):
-                        out[lane] = constants[k]
-{cases}"""
+_CASE = """
+    if code == {number}:
+        for lane in range(LANES):
+            x, y = places[one, lane], places[two, lane]
+            places[out, lane] = {result}"""
 
 
 @locked_cache(maxsize=1)
 def evaluation() -> Callable[..., Any]:
-    """Compiled ``evaluate(operations, constants, inputs, places, results)``.
-
-    It writes the stacked outputs (n, b) of a tape at a tuple of inputs (m, b); `places` are
-    (size, LANES), `operations` and `constants` those of `Tape`.
-    """
-    cases = [
-        _CASE.format(number=NUMBERS[code], lanes=LANES, result=text.format(x="x", y="y"))
+    """`tape_kernels.evaluate` with the operations of the table."""
+    cases = (
+        _CASE.format(number=NUMBERS[code], result=text.format(x="x", y="y"))
         for code, text in _RESULTS.items()
-    ]
-    source = _SOURCE.format(lanes=LANES, cases="".join(cases))
-    function: Callable[..., Any] = generated_module(source).evaluate
+    )
+    operate = f"LANES = {LANES}\n\n\ndef operate(code, one, two, out, places):{''.join(cases)}"
+    function: Callable[..., Any] = generated_module(specialised(operate, evaluate)).evaluate
     return function
 
 
@@ -121,7 +98,7 @@ class Tape:
             There is an operation that no tape has, or there are more than `MAX_OPERATIONS`.
         """
         merged: Any = ca.cse(outputs)
-        function = ca.Function("tape", arguments, merged)
+        function = ca.Function("tape", arguments, merged, {"live_variables": False})
         if function.n_instructions() > MAX_OPERATIONS:
             raise NotImplementedError(f"{function.n_instructions()} operations")
         first_out = np.cumsum([0, *map(function.nnz_out, range(function.n_out()))])
@@ -141,7 +118,7 @@ class Tape:
             else:
                 row = results[0], places[0], places[-1]
             operations[k] = NUMBERS[code], *row
-        return cls(operations, constants, _separate_results(operations), _patterns(function))
+        return cls(operations, constants, _shared_places(operations), _patterns(function))
 
     def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
         """Entries of the outputs, each (k, b), at arguments of shapes (size, b)."""
@@ -183,39 +160,25 @@ def _patterns(function: Expr) -> tuple[IntArray, ...]:
     return tuple(np.array(output.get_triplet(), np.int64) for output in outputs)
 
 
-def _separate_results(operations: IntArray) -> int:
-    """Change places so that no result replaces an argument of its operation; their number.
+def _shared_places(operations: IntArray) -> int:
+    """Change places, one for each result, so that they are used again; their number.
 
-    Compilers make vector operations of loops only where the arrays do not overlap.
+    No result replaces an argument of its operation: compilers make vector operations of loops only
+    where the arrays do not overlap.
     """
-    no_arguments = NUMBERS[ca.OP_INPUT], NUMBERS[ca.OP_CONST]
-    output = NUMBERS[ca.OP_OUTPUT]
-    last: dict[int, int] = {}  # operation that uses a place last, before it is written again
-    ends = np.zeros((len(operations), 2), bool)
-    for k in range(len(operations) - 1, -1, -1):
-        code, target, one, two = operations[k].tolist()
-        if code != output:
-            last.pop(target, None)
-        if code not in no_arguments:
-            used = (one,) if code == output else (one, two)
-            for column, place in enumerate(used):
-                ends[k, column] = place not in last
-            for place in used:
-                last.setdefault(place, k)
+    last: dict[int, int] = {}  # operation that uses a place last
+    for k, (code, _, *places) in enumerate(operations.tolist()):
+        last |= dict.fromkeys(places[: _ARGUMENTS[code]], k)
     new: dict[int, int] = {}
     free: list[int] = []
     number = 0
-    for k in range(len(operations)):
-        code, target, one, two = operations[k].tolist()
-        left = []
-        if code not in no_arguments:
-            used = (one,) if code == output else (one, two)
-            operations[k, 2 : 2 + len(used)] = [new[place] for place in used]
-            left = [new[place] for place, end in zip(used, ends[k], strict=False) if end]
-        if code != output:
+    for k, (code, target, *places) in enumerate(operations.tolist()):
+        used = places[: _ARGUMENTS[code]]
+        operations[k, 2 : 2 + len(used)] = [new[place] for place in used]
+        if code != NUMBERS[ca.OP_OUTPUT]:
             if not free:
                 free.append(number)
                 number += 1
             new[target] = operations[k, 1] = free.pop()
-        free += dict.fromkeys(left)
+        free += dict.fromkeys(new[place] for place in used if last[place] == k)
     return number
