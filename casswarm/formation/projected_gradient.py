@@ -199,6 +199,7 @@ class SpectralProjectedGradient(BatchSolver):
 
 def batch_data(nlp: Nlp, instances: Instances, x0: FloatArray) -> Batch:
     """Arrays of B instances and their initial guesses (B, nx) for kernels on products of sets."""
+    instances.require_fit(nlp)
     compiled = nlp.attached(CompiledObjective)
     assert compiled is not None
     assert isinstance(instances.feasible_set, PlanarSets)

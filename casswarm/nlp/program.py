@@ -105,7 +105,7 @@ class Nlp:
         """All constraints, a column."""
         return ca.veccat(*self.constraints.values()) if self.constraints else ca.MX(0, 1)
 
-    @property
+    @locked_property
     def sizes(self) -> tuple[int, int, int]:
         """Numbers of variables, parameters and constraints."""
         return self.x.shape[0], self.p.shape[0], self.g.shape[0]
@@ -231,6 +231,15 @@ def _unpack(blocks: Mapping[str, Expr], x: FloatArray) -> dict[str, FloatArray]:
     return {name: part.reshape(*x.shape[:-1], *block.shape[::-1]) for (name, block), part in parts}
 
 
+def _wrong_shape(name: str, shape: tuple[int, ...], expected: str) -> SolverError:
+    return SolverError(
+        f"{name} of the instances has shape {shape}; expected: {expected}",
+        key=name,
+        shape=shape,
+        expected=expected,
+    )
+
+
 class FeasibleSet(Protocol):
     """The sets of B instances, in a form that special solvers know.
 
@@ -265,6 +274,11 @@ class Instances:
     scale : (B, 2)
         A typical length of x and a typical value of f: what tolerances are relative to. Ones by
         default.
+
+    Raises
+    ------
+    SolverError
+        Arrays that do not have a row for each instance, or one for all of them.
     """
 
     x0: FloatArray
@@ -278,10 +292,29 @@ class Instances:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x0", np.asarray(self.x0, dtype=float))
-        batch = self.x0.shape[0]
-        for name in ("p", "lbx", "ubx", "lbg", "ubg", "scale"):
+        batch = self.x0.shape[:1]
+        for name in ("x0", *self._widths((0, 0, 0)), "scale"):
             array = np.asarray(getattr(self, name), dtype=float)
-            object.__setattr__(self, name, np.broadcast_to(array, (batch, array.shape[-1])))
+            rows = array.shape[:-1]
+            if not batch or array.ndim not in (1, 2) or rows not in ((), (1,), batch):
+                expected = f"({', '.join(map(str, batch or ('B',)))}, ...), a row for each instance"
+                raise _wrong_shape(name, array.shape, expected)
+            if rows != batch:
+                array = np.broadcast_to(array, (*batch, array.shape[-1]))
+            object.__setattr__(self, name, array)
+
+    @staticmethod
+    def _widths(sizes: tuple[int, int, int]) -> dict[str, int]:
+        """Numbers of columns of the arrays after x0 by name, for a program of these sizes."""
+        nx, n_parameters, ng = sizes
+        return {"p": n_parameters, "lbx": nx, "ubx": nx, "lbg": ng, "ubg": ng}
+
+    def require_fit(self, nlp: Nlp) -> None:
+        """Raise SolverError if an array has not the shape that a program needs."""
+        for name, width in {"x0": nlp.sizes[0], **self._widths(nlp.sizes)}.items():
+            shape, expected = getattr(self, name).shape, (len(self), width)
+            if shape != expected:
+                raise _wrong_shape(name, shape, f"{expected} for the program {nlp.name!r}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         # the constructor makes broadcast arrays read-only again

@@ -278,7 +278,8 @@ class Solver(ABC):
         Raises
         ------
         SolverError
-            The backend cannot solve this kind of problem, or does not answer every instance.
+            Instances whose arrays do not fit the program, a kind of problem that the backend cannot
+            solve, or an instance that it does not answer.
         """
         with interruptible():  # CasADi's calls before and after a solve can lose an interrupt
             seconds, answers = self.timed_answers(nlp, instances)
@@ -296,6 +297,7 @@ class Solver(ABC):
 
         An exception of the backend becomes a failed answer.
         """
+        instances.require_fit(nlp)
         started = time.perf_counter()
         try:
             self.prepare(nlp)
