@@ -109,7 +109,7 @@ def limits(rng: Rng) -> Iterator[Check]:
         policy = csw.as_policy(lambda t, x, _v, _a: speed * np.cos(t + 3 * x), name=name)
     else:
         policy = csw.make_policy(name, scenario, guide)
-    states = States.initial(scenario, initial_velocities(scenario, guide), 8)
+    states = States.initial(scenario, initial_velocities(scenario, guide))[np.zeros(8, int)]
     for step in range(scenario.n_steps):
         move = transition(scenario, policy, step, states)
         yield from _within(scenario, states, move, name)

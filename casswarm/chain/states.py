@@ -89,12 +89,10 @@ class States:
     weights: FloatArray  # (S,)
 
     @classmethod
-    def initial(cls, scenario: Scenario, initial_velocities: FloatArray, copies: int = 1) -> States:
-        """The initial state, with probability 1, or several copies of it."""
-        positions, velocities = (
-            np.tile(array, (copies, 1, 1)) for array in (scenario.positions, initial_velocities)
-        )
-        return cls(positions, velocities, np.ones((copies, scenario.n), bool), np.ones(copies))
+    def initial(cls, scenario: Scenario, initial_velocities: FloatArray) -> States:
+        """The initial state, with probability 1."""
+        positions, velocities = np.array([scenario.positions, initial_velocities])[:, None]
+        return cls(positions, velocities, np.ones((1, scenario.n), bool), np.ones(1))
 
     @classmethod
     def concatenate(cls, batches: list[States]) -> States:

@@ -145,6 +145,11 @@ def specialised(definitions: str, *kernels: Callable[..., Any], reordering: bool
     return f"{definitions}\n\n{copies}"
 
 
+def stand_in(*_: Any) -> Any:
+    """Stand, in kernels for `specialised`, for a function of the definitions."""
+    raise NotImplementedError
+
+
 @lru_cache(maxsize=1)
 def _compiler() -> ModuleType:
     """`linking`; or `plain` where a probe shows that Numba's inside has changed, or on request.

@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from ..compiled.kernels import kernel
+from ..compiled.kernels import kernel, stand_in
 from ..typing import BoolArray, FloatArray
 
 Parameters: TypeAlias = tuple[float, ...]
 Two: TypeAlias = tuple[float, float]
-Three: TypeAlias = tuple[float, float, float]
 
 LANES = 32
 """Positions of the swarm in a block, for which an operation is done before the next one."""
@@ -27,62 +26,20 @@ FIRST_RADAR = 2
 """Stands for the place of the first radar in the constants, after the parameters."""
 
 
-@kernel
-def unpacked(constants: FloatArray) -> Parameters:
-    """Parameters of the hazard, from its constants."""
-    raise NotImplementedError
+unpacked = stand_in
+"""Parameters of the hazard, from its constants."""
 
+source = density = collision = stand_in
+"""Kernels of a radar, of another member and of collisions, each followed by its derivative.
 
-@kernel
-def source(squared: float, parameters: Parameters) -> Two:
-    """Kernel of a radar, and its derivative in the squared distance."""
-    raise NotImplementedError
+Functions of the squared distance and the parameters.
+"""
 
+combine = stand_in
+"""Rate from its three sums and the parameters, and its gradient in the sums."""
 
-@kernel
-def density(squared: float, parameters: Parameters) -> Two:
-    """Kernel of another member, and its derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def collision(squared: float, parameters: Parameters) -> Two:
-    """Kernel of collisions, and its derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def combine(
-    risk: float, densities: float, collisions: float, parameters: Parameters
-) -> tuple[float, float, float, float]:
-    """Rate from its three sums, and its gradient in these."""
-    raise NotImplementedError
-
-
-@kernel
-def second_source(squared: float, parameters: Parameters) -> Three:
-    """Kernel of a radar, its derivative and its second derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def second_density(squared: float, parameters: Parameters) -> Three:
-    """Kernel of another member, its derivative and its second derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def second_collision(squared: float, parameters: Parameters) -> Three:
-    """Kernel of collisions, its derivative and its second derivative."""
-    raise NotImplementedError
-
-
-@kernel
-def second_combine(
-    risk: float, densities: float, collisions: float, parameters: Parameters
-) -> tuple[float, ...]:
-    """Rate, its gradient, and the upper triangle of its Hessian by rows."""
-    raise NotImplementedError
+second_source = second_density = second_collision = second_combine = stand_in
+"""The same with second derivatives; those of the rate are the upper triangle by rows."""
 
 
 @kernel

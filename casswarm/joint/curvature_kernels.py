@@ -1,9 +1,10 @@
 """Second derivatives of the steps of the joint plan's recursion over sets, compiled.
 
 What a set d adds to the second derivative of its expectation E is a product of gradients of its
-members' probabilities, and a form in the gradients of S_i, D_i and C_i. Gradients of sums over
-other members are sums over pairs, the same for all sets: so the factors of pairs of pairs are added
-up over the sets first.
+members' probabilities, and a form in the gradients of S_i, D_i and C_i. These are sums over *terms*
+of i that are the same for all sets: S_i, and a density and a collision for every other member. So
+the factors of terms and of pairs of terms are added up over the sets first. Term 0 of n members is
+S_i, and those with member j are 1 + j and 1 + n + j.
 """
 
 from __future__ import annotations
@@ -17,45 +18,44 @@ from ..hazard.rate_kernels import LANES
 from ..typing import FloatArray, IntArray
 
 
-class Slopes(NamedTuple):
-    """Gradients (n, n, 2, LANES) of the density and collision of pairs in the first's position."""
-
-    density: FloatArray
-    collision: FloatArray
-
-
 class Curvature(NamedTuple):
-    """Sums over all sets."""
+    """Gradients of terms, and sums over all sets; m = 2n + 1 is the number of terms."""
 
     lower: FloatArray  # (2n, 2n, LANES), second derivatives; the lower triangle is used
-    first: FloatArray  # (3, n, n, LANES), factors of those of S_i ([i, i]), and of pairs' terms
-    source: FloatArray  # (3, n, n, LANES), of products of the gradient of S_i, also with pairs'
-    pairs: FloatArray  # (3, n, n, n, LANES), of products of the gradients of pairs (i, j), (i, k)
+    slopes: FloatArray  # (n, m, 2, LANES), gradients of terms of i in its position
+    first: FloatArray  # (n, m, LANES), factors of the second derivatives of terms
+    second: FloatArray  # (n, m, m, LANES), of products of their gradients; the lower triangle
+    column: FloatArray  # (2n, LANES), overwritten
 
 
 @allocating_kernel
 def curvature(n: int) -> Curvature:
     """Arrays for n members."""
+    terms = 2 * n + 1
     return Curvature(
         np.empty((2 * n, 2 * n, LANES)),
-        np.empty((3, n, n, LANES)),
-        np.empty((3, n, n, LANES)),
-        np.empty((3, n, n, n, LANES)),
+        np.zeros((n, terms, 2, LANES)),
+        np.empty((n, terms, LANES)),
+        np.empty((n, terms, terms, LANES)),
+        np.empty((2 * n, LANES)),
     )
 
 
 @kernel
-def pair_slopes(points: FloatArray, pairs: FloatArray, slopes: Slopes) -> None:
-    """Write the gradients of density and collision of all pairs of different members."""
+def write_slopes(
+    points: FloatArray, radars: FloatArray, pairs: FloatArray, slopes: FloatArray
+) -> None:
+    """Write the gradients of all terms."""
     n = len(points)
     for i in range(n):
-        for j in range(n):
-            if j != i:
-                for a in range(2):
-                    for lane in range(LANES):
-                        difference = 2.0 * (points[i, a, lane] - points[j, a, lane])
-                        slopes.density[i, j, a, lane] = pairs[0, i, j, lane] * difference
-                        slopes.collision[i, j, a, lane] = pairs[2, i, j, lane] * difference
+        for a in range(2):
+            for lane in range(LANES):
+                slopes[i, 0, a, lane] = radars[i, a, lane]
+            for j in range(n):
+                for lane in range(LANES):
+                    difference = 2.0 * (points[i, a, lane] - points[j, a, lane])
+                    slopes[i, 1 + j, a, lane] = pairs[0, i, j, lane] * difference
+                    slopes[i, 1 + n + j, a, lane] = pairs[2, i, j, lane] * difference
 
 
 @kernel
@@ -95,37 +95,37 @@ def add_curvature(
     data: tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray],
     clock: FloatArray,
     rates: FloatArray,
-    collides: bool,
+    kinds: int,
     row: FloatArray,
     sums: Curvature,
 ) -> None:
-    """Add the factors of second derivatives of S, D and C, and of their gradients' products.
+    """Add the factors of second derivatives of terms, and of their gradients' products.
 
-    `rates` (10, n, LANES) are those of the set, `row` (2, LANES) is overwritten.
+    `rates` (10, n, LANES) are those of the set, `row` (2, LANES) is overwritten. There are `kinds`
+    of terms: 3, or 2 without collisions.
     """
     members, lost, mass, first, _ = data
-    weight, factor = row[0], row[1]
-    for u in range(len(members)):
+    weight, factor, n, count = row[0], row[1], len(sums.first), len(members)
+    for u in range(count):
         i = members[u]
         for lane in range(LANES):
             weight[lane] = mass[lane] * first[u, lane] * clock[lane] * (1.0 - lost[i, lane])
-        add(weight, rates[1, i], sums.first[0, i, i])
-        add(weight, rates[4, i], sums.source[0, i, i])
-        for v in range(len(members)):
-            j = members[v]
-            if v != u:
-                for k in range(1, 3 if collides else 2):
-                    add(weight, rates[1 + k, i], sums.first[k, i, j])
-                    add(weight, rates[4 + k, i], sums.source[k, i, j])
-        for kind in range(3 if collides else 1):
-            for lane in range(LANES):
-                factor[lane] = weight[lane] * rates[7 + kind, i, lane]
-            for v in range(len(members)):
-                for w in range(len(members) if kind == 1 else v + 1):
-                    if v != u and w != u:
-                        target = sums.pairs[kind, i, members[v], members[w]]
-                        for lane in range(LANES):
-                            target[lane] += factor[lane]
+        for a in range(kinds):
+            for b in range(a + 1):
+                bend = rates[4 + b * (5 - b) // 2 + a, i]
+                for lane in range(LANES):
+                    factor[lane] = weight[lane] * bend[lane]
+                for v in range(count if a else 1):
+                    if a == 0 or v != u:
+                        p = 1 + (a - 1) * n + members[v] if a else 0
+                        if b == 0:
+                            add(weight, rates[1 + a, i], sums.first[i, p])
+                        for w in range(count if b else 1):
+                            q = 1 + (b - 1) * n + members[w] if b else 0
+                            if q <= p and (b == 0 or w != u):
+                                target = sums.second[i, p, q]
+                                for lane in range(LANES):
+                                    target[lane] += factor[lane]
 
 
 @kernel
@@ -136,94 +136,49 @@ def add(factor: FloatArray, values: FloatArray, target: FloatArray) -> None:
 
 
 @kernel
-def add_outer(
-    places: tuple[int, int, float],
-    factor: FloatArray,
-    left: FloatArray,
-    right: FloatArray,
-    lower: FloatArray,
-) -> None:
-    """Add the block of two members, and a sign times factor left right', to the lower triangle."""
-    i, j, sign = places
-    for a in range(2):
-        for b in range(2):
-            if 2 * i + a >= 2 * j + b:
-                target = lower[2 * i + a, 2 * j + b]
-                for lane in range(LANES):
-                    target[lane] += sign * factor[lane] * left[a, lane] * right[b, lane]
-
-
-@kernel
-def add_pair_product(
-    members: tuple[int, int, int],
-    factor: FloatArray,
-    left: FloatArray,
-    right: FloatArray,
-    lower: FloatArray,
-) -> None:
-    """Add factor (e_i - e_j) left ((e_i - e_k) right)'."""
-    i, j, k = members
-    add_outer((i, i, 1.0), factor, left, right, lower)
-    add_outer((i, k, -1.0), factor, left, right, lower)
-    add_outer((j, i, -1.0), factor, left, right, lower)
-    add_outer((j, k, 1.0), factor, left, right, lower)
-
-
-@kernel
-def add_source_product(
-    i: int, j: int, factor: FloatArray, source: FloatArray, slope: FloatArray, lower: FloatArray
-) -> None:
-    """Add factor (e_i source ((e_i - e_j) slope)') and its transpose."""
-    add_outer((i, i, 1.0), factor, source, slope, lower)
-    add_outer((i, i, 1.0), factor, slope, source, lower)
-    add_outer((i, j, -1.0), factor, source, slope, lower)
-    add_outer((j, i, -1.0), factor, slope, source, lower)
+def subtract(factor: FloatArray, values: FloatArray, target: FloatArray) -> None:
+    """Subtract a product of lanes."""
+    for lane in range(LANES):
+        target[lane] -= factor[lane] * values[lane]
 
 
 @kernel
 def add_second_derivatives(
-    points: FloatArray,
-    radars: FloatArray,
-    pairs: FloatArray,
-    slopes: Slopes,
-    collides: bool,
-    sums: Curvature,
+    points: FloatArray, radars: FloatArray, pairs: FloatArray, kinds: int, sums: Curvature
 ) -> None:
     """Add all that the sums over sets are factors of."""
     n, lower = len(points), sums.lower
     for i in range(n):
         for a in range(2):
             for b in range(a + 1):
-                add(sums.first[0, i, i], radars[i, 2 + a + b], lower[2 * i + a, 2 * i + b])
-        add_outer((i, i, 1.0), sums.source[0, i, i], radars[i], radars[i], lower)
+                add(sums.first[i, 0], radars[i, 2 + a + b], lower[2 * i + a, 2 * i + b])
         for j in range(n):
             if j != i:
-                add_source_product(
-                    i, j, sums.source[1, i, j], radars[i], slopes.density[i, j], lower
-                )
                 add_pair_curvature(i, j, points, pairs, sums)
-                if collides:
-                    add_source_product(
-                        i, j, sums.source[2, i, j], radars[i], slopes.collision[i, j], lower
-                    )
-                for k in range(n):
-                    if k != i:
-                        add_pair_products((i, j, k), slopes, collides, sums)
+        for p in range(1 + (kinds - 1) * n):
+            j = (p - 1) % n
+            if p == 0 or j != i:
+                write_column(i, p, 1 + (kinds - 1) * n, sums)
+                for a in range(2):
+                    slope = sums.slopes[i, p, a]
+                    for c in range(2 * i + a + 1):
+                        add(slope, sums.column[c], lower[2 * i + a, c])
+                    for c in range(2 * j + a + 1 if p else 0):
+                        subtract(slope, sums.column[c], lower[2 * j + a, c])
 
 
 @kernel
-def add_pair_products(
-    members: tuple[int, int, int], slopes: Slopes, collides: bool, sums: Curvature
-) -> None:
-    """Add the products of the gradients of pairs (i, j) and (i, k), in this order."""
-    i, j, k = members
-    high, low = max(j, k), min(j, k)
-    density, collision, lower = slopes.density[i], slopes.collision[i], sums.lower
-    add_pair_product(members, sums.pairs[0, i, high, low], density[j], density[k], lower)
-    if collides:
-        add_pair_product(members, sums.pairs[2, i, high, low], collision[j], collision[k], lower)
-        add_pair_product(members, sums.pairs[1, i, j, k], density[j], collision[k], lower)
-        add_pair_product(members, sums.pairs[1, i, k, j], collision[j], density[k], lower)
+def write_column(i: int, p: int, terms: int, sums: Curvature) -> None:
+    """Write the sum of the gradients of i's terms, in all positions, times factors with term p."""
+    column, n = sums.column, len(sums.first)
+    column[:] = 0.0
+    for q in range(terms):
+        j, factor = (q - 1) % n, sums.second[i, max(p, q), min(p, q)]
+        if q == 0 or j != i:
+            for a in range(2):
+                add(factor, sums.slopes[i, q, a], column[2 * i + a])
+                if q:
+                    subtract(factor, sums.slopes[i, q, a], column[2 * j + a])
 
 
 @kernel
@@ -231,11 +186,11 @@ def add_pair_curvature(
     i: int, j: int, points: FloatArray, pairs: FloatArray, sums: Curvature
 ) -> None:
     """Add the second derivatives of density and collision of a pair that i sees."""
-    lower = sums.lower
+    lower, n = sums.lower, len(points)
     for a in range(2):
         for b in range(2):
             for lane in range(LANES):
-                density, collision = sums.first[1, i, j, lane], sums.first[2, i, j, lane]
+                density, collision = sums.first[i, 1 + j, lane], sums.first[i, 1 + n + j, lane]
                 bend = density * pairs[1, i, j, lane] + collision * pairs[3, i, j, lane]
                 entry = 4.0 * bend * (points[i, a, lane] - points[j, a, lane])
                 entry *= points[i, b, lane] - points[j, b, lane]

@@ -9,19 +9,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ..compiled.kernels import allocating_kernel, kernel
 from ..hazard.rate_kernels import LANES
 from ..typing import FloatArray
 from .curvature_kernels import (
     Curvature,
-    Slopes,
     add_curvature,
     add_products,
     add_second_derivatives,
     curvature,
-    pair_slopes,
+    write_slopes,
 )
 from .set_kernels import (
     Work,
@@ -60,10 +57,11 @@ class Derivatives(NamedTuple):
 
 @kernel
 def differentiate_rates(
-    d: int, count: int, block: int, steps: Steps, slopes: Slopes, work: Work
+    d: int, count: int, block: int, steps: Steps, slopes: FloatArray, work: Work
 ) -> None:
     """Write the gradients of the members' probabilities in the positions of the set."""
     clock, rates, row = steps.clock[block], steps.rates[block, d], work.row
+    n = len(slopes)
     for u in range(count):
         i = work.members[u]
         q = steps.lost[block, d, i]
@@ -72,14 +70,14 @@ def differentiate_rates(
             for lane in range(LANES):
                 factor[lane] = clock[lane] * (1.0 - q[lane]) * partial[lane]
         for a in range(2):
-            own, source = work.rate[u, 2 * u + a], steps.radars[block, i, a]
+            own, source = work.rate[u, 2 * u + a], slopes[i, 0, a]
             for lane in range(LANES):
                 own[lane] = row[0, lane] * source[lane]
             for v in range(count):
                 if v != u:
                     j = work.members[v]
                     other = work.rate[u, 2 * v + a]
-                    density, collision = slopes.density[i, j, a], slopes.collision[i, j, a]
+                    density, collision = slopes[i, 1 + j, a], slopes[i, 1 + n + j, a]
                     for lane in range(LANES):
                         slope = row[1, lane] * density[lane] + row[2, lane] * collision[lane]
                         other[lane] = -slope
@@ -185,10 +183,9 @@ def write_sums(
 def differentiate_block(
     block: int,
     steps: Steps,
-    collides: bool,
+    kinds: int,
     work: Work,
     sums: Curvature,
-    slopes: Slopes,
     out: Derivatives,
 ) -> None:
     """Write all derivatives of the steps of a block."""
@@ -196,8 +193,8 @@ def differentiate_block(
     continues, costs = steps.continues[block], steps.costs[block]
     sums.lower[:] = 0.0
     sums.first[:] = 0.0
-    sums.source[:] = 0.0
-    sums.pairs[:] = 0.0
+    sums.second[:] = 0.0
+    write_slopes(steps.points[block], steps.radars[block], steps.pairs[block], sums.slopes)
     work.gradient[:] = 0.0
     work.by_outcome[:] = 0.0
     out.by_set[first : first + LANES, 0] = 0.0
@@ -207,7 +204,7 @@ def differentiate_block(
         lost, mass = steps.lost[block, d], steps.mass[block, d]
         count = list_set(d, n, work.members, work.subsets)
         differentiate_expectation(count, lost, steps.after[block], work)
-        differentiate_rates(d, count, block, steps, slopes, work)
+        differentiate_rates(d, count, block, steps, sums.slopes, work)
         write_by_set(d, count, first, mass, work, out)
         work.values[0] = 1.0
         write_outcomes(count, -1, lost, work)
@@ -216,9 +213,9 @@ def differentiate_block(
         add_by_outcome(count, lost, mass, work)
         set_data = work.members[:count], lost, mass, work.first, work.second
         add_products(set_data, work.rate, work.row, sums.lower)
-        add_curvature(set_data, steps.clock[block], steps.rates[block, d], collides, work.row, sums)
+        add_curvature(set_data, steps.clock[block], steps.rates[block, d], kinds, work.row, sums)
     add_second_derivatives(
-        steps.points[block], steps.radars[block], steps.pairs[block], slopes, collides, sums
+        steps.points[block], steps.radars[block], steps.pairs[block], kinds, sums
     )
     write_sums(first, continues, costs, work, sums.lower, out)
 
@@ -231,7 +228,5 @@ def differentiate(blocks: tuple[int, int], steps: Steps, collides: bool, out: De
     """
     n = steps.lost.shape[2]
     work, sums = workspace(n), curvature(n)
-    slopes = Slopes(np.zeros((n, n, 2, LANES)), np.zeros((n, n, 2, LANES)))
     for block in range(blocks[0], blocks[1]):
-        pair_slopes(steps.points[block], steps.pairs[block], slopes)
-        differentiate_block(block, steps, collides, work, sums, slopes, out)
+        differentiate_block(block, steps, 3 if collides else 2, work, sums, out)

@@ -134,7 +134,7 @@ def _starts(nlp: Nlp, arguments: Mapping[str, Any], name: str) -> dict[str, Inst
         raise refusal(name, " has parameters without values; give p", key="p")
     sizes = {"p": parameters, "lbx": variables, "ubx": variables}
     sizes |= {"lbg": constraints, "ubg": constraints}  # in the order of `Instances`
-    vectors = [
+    vectors: list[Any] = [
         _vector(name, key, arguments.get(key, _DEFAULTS[key]), size) for key, size in sizes.items()
     ]
     starts = {

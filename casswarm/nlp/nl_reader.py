@@ -6,6 +6,7 @@ truncated: it waits for ever, or leaves out bounds and linear terms.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,7 +92,7 @@ class Lines:
         return ProblemError(message, file=self.path, line=self.number or None)
 
 
-_LINES = 10  # of a header
+_LINES, _COUNTS = 10, 6  # of a header, and how many of the numbers in a line are read
 
 
 @dataclass(frozen=True)
@@ -110,28 +111,26 @@ def read_header(lines: Lines) -> Header:
     if not lines.following().startswith("g"):
         raise lines.refusal("is no .nl file: its first line does not begin with g")
     rows = [_counts(lines) for _ in range(_LINES - 1)]
-    variables, constraints, objectives = _first(rows[0], 3)
+    variables, constraints, objectives = rows[0][:3]
     _refuse_unsupported(lines, rows)
     if max(variables, constraints) > len(lines):
         raise lines.refusal(
             f"has {len(lines)} lines, too few for {variables} variables and {constraints} "
             "constraints: is it truncated?"
         )
-    return Header(variables, constraints, objectives, *_first(rows[6], 2))
+    return Header(variables, constraints, objectives, *rows[6][:2])
 
 
 def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
     """Raise for parts of the format that cannot be read; `rows` are the lines after the first."""
-    logical, conditions, functions = sum(rows[0][5:6]), sum(rows[1][2:4]), sum(rows[4][1:2])
-    objectives, discrete = _first(rows[0], 3)[2], sum(rows[5])
-    imports = f"imports {counted(functions, 'function')} of a library, which is not supported"
-    integers = f"has {counted(discrete, 'integer variable')}; only continuous ones are supported"
+    objectives, logical, conditions = rows[0][2], rows[0][5], sum(rows[1][2:4])
+    discrete, functions = counted(sum(rows[5]), "integer variable"), counted(rows[4][1], "function")
     refusals = (
-        (discrete, integers),
+        (sum(rows[5]), f"has {discrete}; only continuous ones are supported"),
         (objectives > 1, f"has {objectives} objectives; only one is supported"),
         (logical, f"has {logical} logical constraints, which are not supported"),
         (conditions, f"has {conditions} complementarity conditions, which are not supported"),
-        (functions, imports),
+        (rows[4][1], f"imports {functions} of a library, which is not supported"),
     )
     for refused, reason in refusals:
         if refused:
@@ -139,13 +138,9 @@ def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
 
 
 def _counts(lines: Lines) -> list[int]:
-    words = lines.following().split()
-    return [lines.integer(word, 10**9) for word in words]
-
-
-def _first(row: list[int], count: int) -> list[int]:
-    """The first entries; those that are missing are zero."""
-    return (row + [0] * count)[:count]
+    """Numbers of the next line; those that are missing are zero."""
+    numbers = [lines.integer(word, 10**9) for word in lines.following().split()]
+    return numbers + [0] * _COUNTS
 
 
 _UNSUPPORTED = {
@@ -202,7 +197,7 @@ class _Reader:
         self.x_bounds: list[tuple[float, float]] = []
         self.g_bounds: list[tuple[float, float]] = []
         self.linear: dict[tuple[str, int], Expr] = {}
-        segments = {
+        segments: dict[str, Callable[[str], None]] = {
             "J": self._linear_terms,
             "G": self._linear_terms,
             "C": self._constraint,

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from ...compiled.kernels import kernel
+from ...compiled.kernels import kernel, stand_in
 from ...typing import FloatArray, IntArray
 from .iterate_kernels import LANES
 
-
-@kernel
-def operate(code: int, one: int, two: int, out: int, places: FloatArray) -> None:
-    """Stands for the operations of `tape.NUMBERS` on lanes, which `tape` writes from its table."""
-    raise NotImplementedError
+operate = stand_in
+"""Does an operation of `tape.NUMBERS` on lanes: of (code, one, two, out, places)."""
 
 
 @kernel
