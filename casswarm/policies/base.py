@@ -209,8 +209,8 @@ class Policy(ABC):
         Raises
         ------
         PolicyError
-            Shapes that do not fit; living members whose positions or velocities are not finite; a step
-        that is no whole number from 0.
+            Shapes that do not fit; living members whose positions or velocities are not finite; a
+            step that is no whole number from 0.
         PolicyCallError
             The policy is a user's and fails, or returns no `Decision`.
         """
