@@ -9,6 +9,7 @@ from browser import opened, references
 from commands import casswarm
 from figure_cases import GUIDE, RUN, SCENARIO
 from matplotlib.animation import FuncAnimation
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from PIL import Image
 
@@ -226,3 +227,31 @@ def test_animate_of_another_command_is_refused(tmp_path):
     (tmp_path / "run.json").write_text('{"command": "plan"}')
     done = casswarm(tmp_path, "animate", ".", code=2)
     assert "casswarm plan, which saves no trajectories" in done.stderr
+
+
+def test_study_is_animated_by_policy_and_run():
+    study = csw.simulate(SCENARIO, ["naive", "leader"], 2, guide=GUIDE, save_trajectories=2)
+    shown = csw.animate(study).shown
+    assert shown.title == f"{SCENARIO.name}, leader, run 0"
+    assert shown.guide is study.guide
+    trajectory = study.trajectories["naive"][1]
+    shown = csw.animate(study, policy="naive", run=1, steps_per_second=50).shown
+    np.testing.assert_array_equal(shown.trajectory.positions, trajectory.positions)
+    for options, expected in (({"run": 2}, "run 2 of 'leader'"), ({"policy": "x"}, "run 0 of 'x'")):
+        with pytest.raises(ValueError, match=expected):
+            csw.animate(study, **options)
+    with pytest.raises(TypeError, match="name a policy= and a run="):
+        csw.animate(study, trajectory)
+    with pytest.raises(TypeError, match="with the trajectory of a run"):
+        csw.animate(SCENARIO)
+
+
+def test_picture_equals_figure_that_is_drawn_as_a_whole():
+    stage = RunFigure(SCENARIO, RUN, GUIDE, "mine")
+    pictures = list(stage.pictures(60))
+    stage.show(2)
+    canvas = FigureCanvasAgg(stage.figure)
+    canvas.draw()
+    difference = np.subtract(pictures[2], np.asarray(canvas.buffer_rgba())[..., :3], dtype=float)
+    assert (difference != 0).mean() < 1e-3  # where tick marks touch the panels
+    assert np.abs(difference).max() < 32
