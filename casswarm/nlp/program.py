@@ -126,6 +126,20 @@ class Nlp:
         """CasADi Function (x, p) to the Jacobian of g, sparse."""
         return self._function("jacobian", [ca.jacobian(self.g, self.x)])
 
+    @locked_property
+    def lagrangian_hessian(self) -> Expr:
+        """CasADi Function (x, p, lam_f, lam_g) to the upper triangle of the Lagrangian's Hessian.
+
+        That of `LagrangianHessian` where it is attached.
+        """
+        own = self.attached(LagrangianHessian)
+        if own is not None:
+            return own.function
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.sizes[2])
+        lagrangian = lam_f * self.objective + ca.dot(lam_g, self.g)
+        upper = ca.triu(ca.hessian(lagrangian, self.x)[0])
+        return self._function("hessian", [upper], lam_f, lam_g)
+
     @one_at_a_time
     def __reduce__(self) -> tuple[Any, ...]:
         # symbols do not pickle, but functions of them do; inlining restores the graph
@@ -147,8 +161,8 @@ class Nlp:
         kept = (each for each in self.attachments if not isinstance(each, kinds))
         return replace(self, attachments=(*kept, *attachments))
 
-    def _function(self, name: str, outputs: list[Expr]) -> Expr:
-        function = ca.Function(name, [self.x, self.p], outputs)
+    def _function(self, name: str, outputs: list[Expr], *more: Expr) -> Expr:
+        function = ca.Function(name, [self.x, self.p, *more], outputs)
         return function.expand() if self.unroll else function
 
     @locked_property

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -21,7 +21,7 @@ from ..errors import SolverError
 from ..nlp.black_box import DenseCallback
 from ..nlp.program import Instances, LagrangianHessian, Nlp
 from ..nlp.solution import Status
-from ..typing import Expr, FloatArray
+from ..typing import FloatArray
 from .base import (
     Answer,
     Capabilities,
@@ -196,43 +196,20 @@ def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
     return _built(solver, nlp, {})
 
 
-class ScaledProgram(NamedTuple):
-    """Expressions of a program in units of `Instances.scale`, which are its last two parameters.
-
-    The Hessian of the Lagrangian is its upper triangle, a function also of the multipliers of f and
-    g, where the program has its own; otherwise None.
-    """
-
-    x: Expr
-    p: Expr
-    f: Expr
-    g: Expr
-    multipliers: tuple[Expr, Expr]
-    hessian: Expr | None
-
-    @classmethod
-    def of(cls, nlp: Nlp) -> ScaledProgram:
-        """The expressions of a program."""
-        x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)
-        length, value = ca.vertsplit(scale)
-        f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
-        own = nlp.attached(LagrangianHessian)
-        if own is not None:
-            own = length**2 * own(length * x, nlp.p, lam_f / value, lam_g)
-        return cls(x, ca.vertcat(nlp.p, scale), f / value, g, (lam_f, lam_g), own)
-
-
 @one_at_a_time
 def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any]) -> Any:
     """CasADi's solver of a program in units of its scale."""
     options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options(), **more}
-    x, p, f, g, multipliers, hessian = ScaledProgram.of(nlp)
-    exact = getattr(solver, "hessian", "exact") == "exact"
-    if hessian is not None and solver.uses_hessian and exact:
-        options["hess_lag"] = ca.Function("hess_lag", [x, p, *multipliers], [hessian])
+    x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)  # the last two parameters
+    p, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
+    f, g = nlp.evaluate.call([length * x, nlp.p], True, False)
+    own, exact = nlp.attached(LagrangianHessian), getattr(solver, "hessian", "exact") == "exact"
+    if own is not None and solver.uses_hessian and exact:
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.sizes[2])
+        hessian = length**2 * own(length * x, nlp.p, lam_f / value, lam_g)
+        options["hess_lag"] = ca.Function("hess_lag", [x, p, lam_f, lam_g], [hessian])
     free = solver.needs_constraint_row and not nlp.sizes[2]
-    problem = {"x": x, "p": p, "f": f, "g": ca.MX(0) if free else g}
+    problem = {"x": x, "p": p, "f": f / value, "g": ca.MX(0) if free else g}
     try:
         with silence() if solver.prints_to_stdout else nullcontext():
             return ca.nlpsol("solver", solver.plugin, problem, options)

@@ -9,9 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
-import casadi as ca
 import numpy as np
 from typing_extensions import override
 
@@ -32,11 +31,11 @@ from .base import (
     error_text,
     settings,
 )
-from .casadi_plugins import Ipopt, ScaledProgram
+from .casadi_plugins import Ipopt
 
 
 class CallbackSolver(Solver):
-    """A solver of an optional package, which takes one problem at a time, as `Callbacks`."""
+    """A solver of an optional package that calls `InstanceFunctions`, of one problem at a time."""
 
     package: ClassVar[str]
     statuses: ClassVar[Mapping[str, Status]]
@@ -56,7 +55,7 @@ class CallbackSolver(Solver):
         reason = self.unavailable()
         if reason:
             raise SolverError(f"{self.name} cannot run here: {reason}", solver=self.name)
-        derivatives(nlp)
+        _ = nlp.evaluate, nlp.gradient, nlp.jacobian, nlp.lagrangian_hessian
 
     @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
@@ -90,82 +89,63 @@ class CallbackSolver(Solver):
         """The answer in a result, in units of its scale; its seconds are replaced."""
 
 
-class Derivatives(NamedTuple):
-    """CasADi Functions of (x, p, scale), in units of `Instances.scale`, and their nonzeros' places.
+class InstanceFunctions:
+    """The functions of a single instance in units of its scale, with the names of cyipopt.
 
-    The Hessian of the Lagrangian, a function also of the multipliers of f and g, is its upper
-    triangle by columns: the lower one by rows.
+    f and g are evaluated together, once at a point.
     """
 
-    values: Expr
-    gradient: Expr
-    jacobian: Expr
-    hessian: Expr
-    jacobian_entries: tuple[IntArray, IntArray]
-    hessian_entries: tuple[IntArray, IntArray]
-
-
-@locked_cache(maxsize=64)
-def derivatives(nlp: Nlp) -> Derivatives:
-    """Functions and derivatives of a program, built once."""
-    x, p, f, g, (lam_f, lam_g), own = ScaledProgram.of(nlp)
-    upper = ca.triu(ca.hessian(lam_f * f + ca.dot(lam_g, g), x)[0]) if own is None else own
-    gradient, jacobian = ca.gradient(f, x), ca.jacobian(g, x)
-
-    def function(outputs: list[Expr], *more: Expr) -> Expr:
-        made = ca.Function("derivatives", [x, p, *more], outputs)
-        return made.expand() if nlp.unroll else made
-
-    return Derivatives(
-        function([f, g]),
-        function([ca.densify(gradient)]),
-        function([jacobian]),
-        function([upper], lam_f, lam_g),
-        _entries(jacobian),
-        _entries(upper)[::-1],  # of the lower triangle
-    )
-
-
-def _entries(matrix: Expr) -> tuple[IntArray, IntArray]:
-    """Rows and columns of a matrix's nonzeros, in CasADi's order."""
-    rows, columns = matrix.sparsity().get_triplet()
-    return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
-
-
-class Callbacks:
-    """The functions of a single instance, with the names that cyipopt gave them."""
-
     def __init__(self, nlp: Nlp, instance: Instances) -> None:
-        self._functions = derivatives(nlp)
-        self._p = np.append(instance.p[0], instance.scale[0])
+        self.nlp, self.instance, self.p = nlp, instance, instance.p[0]
+        self.length, self.value = instance.scale[0]
+        self.x0, self.lower, self.upper = (
+            part[0] / self.length for part in (instance.x0, instance.lbx, instance.ubx)
+        )
+        self.last, self.evaluations = self.x0, 0
+        self._values: Any = None
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        return float(self._functions.values(x, self._p)[0])
+        return float(self._evaluate(x)[0]) / self.value
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g, (ng,)."""
-        return _array(self._functions.values(x, self._p)[1])
+        return _array(self._evaluate(x)[1])
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f, (nx,)."""
-        return _array(self._functions.gradient(x, self._p))
+        return self.length / self.value * _array(self.nlp.gradient(self.length * x, self.p)[1])
 
     def jacobianstructure(self) -> tuple[IntArray, IntArray]:
         """Rows and columns of the entries of `jacobian`."""
-        return self._functions.jacobian_entries
+        return _entries(self.nlp.jacobian)
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Nonzeros of the Jacobian of g."""
-        return _array(self._functions.jacobian(x, self._p).nz[:])
+        return self.length * _array(self.nlp.jacobian(self.length * x, self.p).nz[:])
 
     def hessianstructure(self) -> tuple[IntArray, IntArray]:
         """Rows and columns of the entries of `hessian`, in the lower triangle."""
-        return self._functions.hessian_entries
+        rows, columns = _entries(self.nlp.lagrangian_hessian)  # upper by columns, lower by rows
+        return columns, rows
 
     def hessian(self, x: FloatArray, lam_g: FloatArray, lam_f: float) -> FloatArray:
         """Nonzeros of the Hessian of lam_f f + lam_g g."""
-        return _array(self._functions.hessian(x, self._p, lam_f, lam_g).nz[:])
+        arguments = self.length * x, self.p, lam_f / self.value, lam_g
+        return self.length**2 * _array(self.nlp.lagrangian_hessian(*arguments).nz[:])
+
+    def _evaluate(self, x: FloatArray) -> Any:
+        if self._values is None or not np.array_equal(x, self.last):
+            self.evaluations += 1
+            self.last = np.array(x)
+            self._values = self.nlp.evaluate(self.length * x, self.p)
+        return self._values
+
+
+def _entries(function: Expr) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the nonzeros of a function's result, in CasADi's order."""
+    rows, columns = function.sparsity_out(0).get_triplet()
+    return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
 
 
 def _array(values: Any) -> FloatArray:
@@ -204,19 +184,19 @@ class Pounce(CallbackSolver):
 
     @override
     def optimize(self, nlp: Nlp, instance: Instances) -> Any:
-        length = instance.scale[0, 0]
+        functions = InstanceFunctions(nlp, instance)
         problem = _package().Problem(
             n=nlp.sizes[0],
             m=nlp.sizes[2],
-            problem_obj=Callbacks(nlp, instance),
-            lb=instance.lbx[0] / length,
-            ub=instance.ubx[0] / length,
+            problem_obj=functions,
+            lb=functions.lower,
+            ub=functions.upper,
             cl=instance.lbg[0],
             cu=instance.ubg[0],
         )
         for option, setting in settings(self).items():
             problem.add_option(option, setting)
-        return problem.solve(instance.x0[0] / length)
+        return problem.solve(functions.x0)
 
     @override
     def answer(self, result: Any) -> Answer:
@@ -310,12 +290,11 @@ def _model(nlp: Nlp, instance: Instances) -> Any:
     """Uno's model of an instance, in units of its scale."""
     import unopy
 
-    (variables, _, rows), callbacks = nlp.sizes, Callbacks(nlp, instance)
-    length = instance.scale[0, 0]
+    (variables, _, rows), callbacks = nlp.sizes, InstanceFunctions(nlp, instance)
     jacobian, hessian = callbacks.jacobianstructure(), callbacks.hessianstructure()
     model = unopy.Model(unopy.PROBLEM_NONLINEAR, variables, unopy.ZERO_BASED_INDEXING)
-    model.set_variables_lower_bounds(instance.lbx[0] / length)
-    model.set_variables_upper_bounds(instance.ubx[0] / length)
+    model.set_variables_lower_bounds(callbacks.lower)
+    model.set_variables_upper_bounds(callbacks.upper)
     model.set_objective(unopy.MINIMIZE, callbacks.objective, _into(callbacks.gradient))
     if rows:
         bounds = instance.lbg[0], instance.ubg[0]
@@ -328,7 +307,7 @@ def _model(nlp: Nlp, instance: Instances) -> Any:
     triangle = len(hessian[0]), unopy.LOWER_TRIANGLE, *hessian
     model.set_lagrangian_hessian(*triangle, lagrangian)
     model.set_lagrangian_sign_convention(unopy.MULTIPLIER_POSITIVE)
-    model.set_initial_primal_iterate(instance.x0[0] / length)
+    model.set_initial_primal_iterate(callbacks.x0)
     return model
 
 

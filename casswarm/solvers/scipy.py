@@ -6,7 +6,7 @@ import time
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, ClassVar
 
@@ -29,6 +29,7 @@ from .base import (
     error_text,
     settings,
 )
+from .external import InstanceFunctions
 
 
 class ScipySolver(Solver):
@@ -80,7 +81,7 @@ class ScipySolver(Solver):
         if not (instance.lbx <= instance.ubx).all() or not np.isfinite(functions.x0).all():
             message = "bounds cross, or bounds or start are not finite"
             return answer(functions.last, Status.FAILED, message)
-        bounds = Bounds(instance.lbx[0], instance.ubx[0])
+        bounds = Bounds(functions.lower, functions.upper)
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")  # the answer's status reports what they warn of
@@ -121,7 +122,7 @@ class Slsqp(ScipySolver):
         from scipy.optimize import NonlinearConstraint, minimize  # slow to import
 
         lower, upper = functions.instance.lbg[0], functions.instance.ubg[0]
-        rows = NonlinearConstraint(functions.rows, lower, upper, functions.jacobian)
+        rows = NonlinearConstraint(functions.constraints, lower, upper, functions.dense_jacobian)
         return minimize(
             functions.objective,
             functions.x0,
@@ -205,8 +206,8 @@ class _OutOfTimeError(Exception):
     """Raised in an evaluation and caught around the minimiser, which has no time limit."""
 
 
-class Functions:
-    """The functions of a single instance; f and g are evaluated together, once at a point.
+class Functions(InstanceFunctions):
+    """The functions of a single instance, not scaled, and its start within the bounds.
 
     After the deadline, an evaluation of the objective raises `_OutOfTimeError`. `log` records the
     iterates, if the minimiser has a callback.
@@ -215,30 +216,19 @@ class Functions:
     def __init__(
         self, nlp: Nlp, instance: Instances, deadline: float, log: IterateLog | None = None
     ) -> None:
-        self.nlp, self.instance, self.log = nlp, instance, log
-        self.x0 = np.clip(instance.x0[0], instance.lbx[0], instance.ubx[0])
-        self.last = self.x0
-        self.evaluations = 0
-        self._deadline = deadline
-        self._values: Any = None
+        super().__init__(nlp, replace(instance, scale=np.ones((1, 2))))
+        self.x0 = self.last = np.clip(self.x0, self.lower, self.upper)
+        self.log, self._deadline = log, deadline
 
+    @override
     def objective(self, x: FloatArray) -> float:
-        """Value of f at x."""
         if time.perf_counter() > self._deadline:
             raise _OutOfTimeError
-        return float(self._evaluate(x)[0])
+        return super().objective(x)
 
-    def gradient(self, x: FloatArray) -> FloatArray:
-        """Gradient of f at x, (nx,)."""
-        return np.asarray(self.nlp.gradient(x, self.instance.p[0])[1]).ravel()
-
-    def rows(self, x: FloatArray) -> FloatArray:
-        """Values of g at x, (ng,)."""
-        return np.asarray(self._evaluate(x)[1]).ravel()
-
-    def jacobian(self, x: FloatArray) -> FloatArray:
+    def dense_jacobian(self, x: FloatArray) -> FloatArray:
         """Jacobian of g at x, (ng, nx)."""
-        return np.asarray(self.nlp.jacobian(x, self.instance.p[0]))
+        return np.asarray(self.nlp.jacobian(x, self.p))
 
     def dictionaries(self) -> list[dict[str, Any]]:
         """The constraints as equations and inequalities, in SciPy's older form."""
@@ -252,16 +242,9 @@ class Functions:
         return [
             {
                 "type": kind,
-                "fun": lambda x, s=sign, r=rows, b=bound: s * (self.rows(x) - b)[r],
-                "jac": lambda x, s=sign, r=rows: s * self.jacobian(x)[r],
+                "fun": lambda x, s=sign, r=rows, b=bound: s * (self.constraints(x) - b)[r],
+                "jac": lambda x, s=sign, r=rows: s * self.dense_jacobian(x)[r],
             }
             for kind, sign, rows, bound in parts
             if rows.any()
         ]
-
-    def _evaluate(self, x: FloatArray) -> Any:
-        if self._values is None or not np.array_equal(x, self.last):
-            self.evaluations += 1
-            self.last = np.array(x)
-            self._values = self.nlp.evaluate(x, self.instance.p[0])
-        return self._values

@@ -201,19 +201,11 @@ class Functions:
     @classmethod
     def calls(cls, nlp: Nlp) -> Functions:
         """CasADi's functions."""
-        x, p, lam_g = (ca.MX.sym("v", size) for size in nlp.sizes)
+        x, p = (ca.MX.sym("v", size) for size in nlp.sizes[:2])
         weights = ca.MX.sym("weights", 1 + nlp.sizes[2])
         values = [ca.densify(each) for each in nlp.evaluate(x, p)]
         first = [ca.densify(nlp.gradient(x, p)[1]), nlp.jacobian(x, p)]
-        own, lam_f = nlp.attached(LagrangianHessian), ca.MX.sym("lam_f")
-        if own is None:
-            lagrangian = lam_f * nlp.objective + ca.dot(lam_g, nlp.g)
-            upper = ca.triu(ca.hessian(lagrangian, nlp.x)[0])
-            second = ca.Function("hessian", [nlp.x, nlp.p, lam_f, lam_g], [upper])
-            second = second.expand() if nlp.unroll else second
-        else:
-            second = own.function
-        hessian = second(x, p, weights[0], weights[1:])
+        hessian = nlp.lagrangian_hessian(x, p, weights[0], weights[1:])
         return cls(
             Calls.of([x, p], values),
             Calls.of([x, p], first),
