@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._util.text import counted
 from .._util.threads import locked_property, one_at_a_time
 from ..errors import SolverError
 from ..typing import BoolArray, Expr, FloatArray
@@ -89,6 +90,9 @@ class Nlp:
         blocks = {"p": parameters} if p.numel() else {}
         constraints = {"g": rows} if rows.numel() else {}
         return cls(name, {"x": variables}, blocks, objective, constraints, unroll=unroll)
+
+    def __repr__(self) -> str:
+        return f"Nlp({self.name!r}, {_described(self.sizes)})"
 
     @locked_property
     def x(self) -> Expr:
@@ -198,6 +202,11 @@ class Nlp:
 
 def _entry_names(blocks: Mapping[str, Expr]) -> tuple[str, ...]:
     return tuple(f"{name}[{i}]" for name, block in blocks.items() for i in range(block.numel()))
+
+
+def _described(sizes: tuple[int, int, int]) -> str:
+    nouns = "variable", "parameter", "constraint"
+    return ", ".join(map(counted, sizes, nouns))
 
 
 @one_at_a_time
@@ -336,6 +345,10 @@ class Instances:
 
     def __len__(self) -> int:
         return int(self.x0.shape[0])
+
+    def __repr__(self) -> str:
+        sizes = self.x0.shape[1], self.p.shape[1], self.lbg.shape[1]
+        return f"Instances({len(self)} of {_described(sizes)})"
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> Instances:
         """Subset of the instances, selected by a slice, a mask or indices."""
