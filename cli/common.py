@@ -220,8 +220,10 @@ def load(common: ScenarioInput, values: Mapping[str, Any] | None = None) -> csw.
     scenario = csw.load_scenario(common.scenario, allow_code=common.allow_code)
     if not changes:
         return scenario
-    changed = scenario.with_values(changes)
     from ..scenario.model import doubts
+    from ..scenario.variations import with_parameters
+
+    changed = with_parameters(scenario, changes)
 
     for text in doubts(changed):
         if text not in doubts(scenario):

@@ -199,7 +199,7 @@ def test_player_with_frames_between_steps_counts_steps(tmp_path):
 
 
 def test_animate_with_html_writes_one_file(folder, tmp_path):
-    options = ("--html", "--policy", "naive", "--dpi", 40, "--quiet", "--out", "run.html")
+    options = ("--policy", "naive", "--dpi", 40, "--quiet", "--out", "run.html")
     assert casswarm(tmp_path, "animate", folder, *options).stdout == "run.html\n"
     text = (tmp_path / "run.html").read_text()
     assert references(text) == []
@@ -212,6 +212,7 @@ def test_animate_with_html_writes_one_file(folder, tmp_path):
     [
         (("--policy", "leder"), "did you mean 'leader'"),
         (("--out", "run.gif", "--html"), "must end in .html"),
+        (("--out", "run.png"), "must end in .gif, or .html for a page"),
     ],
 )
 def test_animate_with_wrong_options_is_explained(folder, options, message):
