@@ -156,7 +156,7 @@ class RunFigure:
                 self.show(frame)
                 canvas.restore_region(background)  # type: ignore[no-untyped-call]
                 for artist in (*axes, self.heading):
-                    figure.draw_artist(artist)  # type: ignore[no-untyped-call]
+                    figure.draw_artist(artist)
                 pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
                 yield Image.fromarray(pixels[..., :3].copy())
             _set_visible(axis, True)
@@ -284,7 +284,7 @@ def animate(
     'RunAnimation'
     """
     if not isinstance(scenario, Scenario):
-        trajectories = scenario.trajectories
+        study, trajectories = scenario, scenario.trajectories
         name = policy or list(trajectories)[-1]
         saved = trajectories.get(name, ())
         if trajectory is not None or guide is not None:
@@ -295,7 +295,7 @@ def animate(
                 + ", ".join(f"{len(runs)} of {known!r}" for known, runs in trajectories.items())
                 + f": simulate(..., save_trajectories={run + 1}) saves it"
             )
-        scenario, trajectory, guide = scenario.scenario, saved[run], scenario.guide
+        scenario, trajectory, guide = study.scenario, saved[run], study.guide
         title = title or f"{scenario.name}, {name}, run {run}"
     elif trajectory is None:
         raise TypeError("animate a study, or a scenario with the trajectory of a run")
