@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import python
 
 ROOT = Path(__file__).parents[2]
 AGAINST = ROOT / "benchmarks" / "against.py"
 
 
-def against(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(AGAINST), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-
-
 @pytest.mark.slow
 def test_two_versions_are_timed_in_pairs() -> None:
-    done = against("HEAD", "leader-1", "--pairs", 3)
     # on a shared machine a version can be slower than itself
+    done = python(AGAINST, "HEAD", "leader-1", "--pairs", 3, code=None, timeout=600)
     assert done.returncode in (0, 1), done.stderr
     first, second, *_, row = done.stdout.split("\n\n")[0].splitlines()
     folders = [line.split(" in ")[1] for line in (first, second)]
@@ -52,7 +42,7 @@ def test_two_versions_are_timed_in_pairs() -> None:
     ],
 )
 def test_wrong_arguments_are_explained(arguments: list[object], message: str) -> None:
-    done = against(*arguments)
+    done = python(AGAINST, *arguments, code=None, timeout=600)
     assert done.returncode != 0
     assert message in done.stderr
     assert "Traceback" not in done.stderr

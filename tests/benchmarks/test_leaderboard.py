@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from commands import python
 
 import casswarm as csw
 
 ROOT = Path(__file__).resolve().parents[2]
-BENCHMARKS = ROOT / "benchmarks"
 
 
 @pytest.fixture(scope="module")
 def leaderboard():
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "benchmarks")
         import leaderboard
 
         yield leaderboard
-    finally:
-        sys.path.remove(str(BENCHMARKS))
 
 
 @pytest.fixture(scope="module")
@@ -62,14 +58,7 @@ def test_command_of_a_row_prints_it_again(leaderboard, table):
     row = table.set_index(["scenario", "policy"]).loc[("single-agent", "naive")]
     kept = {"scenario": "single-agent", "policy": "naive", **row}
     words = leaderboard.command(kept).split()
-    done = subprocess.run(
-        [sys.executable, "-W", "error", *words[1:]],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    done = python("-W", "error", *words[1:], folder=ROOT)
     cells, expected = (
         [cell.strip() for cell in line.strip("| \n").split("|")]
         for line in (done.stdout, leaderboard.markdown_row(kept))
@@ -82,9 +71,5 @@ def test_command_of_a_row_prints_it_again(leaderboard, table):
 
 @pytest.mark.parametrize("words", [["nowhere"], ["alley", "best"], ["alley", "naive", "again"]])
 def test_wrong_arguments_are_one_line(leaderboard, words):
-    script = Path(leaderboard.__file__)
-    done = subprocess.run(
-        [sys.executable, script, *words], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
+    done = python(leaderboard.__file__, *words, code=1)
     assert len(done.stderr.splitlines()) == 1

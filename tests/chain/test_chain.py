@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from functools import cache
-from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from brute_force import Outcome, law_by_hand, success_of
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 from small_scenarios import DT, Array, rate_by_hand, small
@@ -18,7 +19,6 @@ from casswarm import Guide, Scenario, Study, plan, simulate
 from casswarm.chain import RunTrajectory, uniforms
 
 Flags = NDArray[np.bool_]
-Outcome = tuple[int, int]  # arrival step (-1: none), survivors
 
 RADARS = [(0.9, 0.8), (1.5, -1.0)]
 TARGET, RADIUS, STEPS = (2.15, 0.0), 0.5, 4
@@ -43,48 +43,10 @@ def idle_guide() -> Guide:
     return plan(small([(0.0, 0.0)], (1.0, 0.0), [(9.0, 9.0)], 3, guide__search="local"))
 
 
-def study(
-    scenario: Scenario,
-    *policies: object,
-    runs: int = 500,
-    save_trajectories: int = 0,
-    seed: int = 7,
-) -> Study:
+def study(scenario: Scenario, *policies: object, **options: Any) -> Study:
     return simulate(
-        scenario,
-        policies,
-        runs=runs,
-        save_trajectories=save_trajectories,
-        seed=seed,
-        guide=idle_guide(),
+        scenario, policies, **{"runs": 500, "seed": 7, "guide": idle_guide(), **options}
     )
-
-
-def distribution_by_hand(
-    positions: Array, alive: tuple[bool, ...], step: int
-) -> dict[Outcome, float]:
-    """Probabilities of all outcomes from a state, over the 2^n survival patterns of each step."""
-    velocity = [(1.9, -0.2)] * 2 if sum(alive) == 1 else [(1.4, 0.0), (1.5, 0.1)]
-    moved = positions + DT * np.array(velocity)
-    survival = [
-        math.exp(-DT * rate_by_hand(i, moved, alive, RADARS)) if alive[i] else 0.0 for i in (0, 1)
-    ]
-    distribution: dict[Outcome, float] = defaultdict(float)
-    for survivors in product((True, False), repeat=2):
-        chances = [s if living else 1 - s for s, living in zip(survival, survivors, strict=True)]
-        chance = math.prod(chances)
-        if chance == 0:
-            continue
-        arrived = any(
-            living and math.dist(x, TARGET) <= RADIUS
-            for x, living in zip(moved, survivors, strict=True)
-        )
-        if arrived or not any(survivors) or step + 1 == STEPS:
-            distribution[(step + 1 if arrived else -1, sum(survivors))] += chance
-        else:
-            for outcome, probability in distribution_by_hand(moved, survivors, step + 1).items():
-                distribution[outcome] += chance * probability
-    return distribution
 
 
 def outcomes(runs: pd.DataFrame) -> list[Outcome]:
@@ -101,14 +63,19 @@ def assert_likely(successes: int, runs: int, probability: float) -> None:
 
 
 def test_two_member_chain_matches_enumeration_by_hand() -> None:
-    distribution = distribution_by_hand(pair().positions, (True, True), 0)
+    distribution = law_by_hand(
+        pair(),
+        np.tile([1.5, 0.0], (2, 1)),
+        lambda step, *state: state[0] + DT * hurry_alone(step, *(x[None] for x in state))[0],
+        lambda x, alive: np.array([rate_by_hand(i, x, alive, RADARS) for i in (0, 1)]),
+    )
     assert sum(distribution.values()) == pytest.approx(1, abs=1e-12)
     assert {arrival for arrival, _ in distribution} == {-1, 3, 4}
     sampled = outcomes(study(pair(), hurry_alone, runs=20_000, seed=0).runs)
     assert set(sampled) <= set(distribution)
     for outcome, probability in distribution.items():
         assert_likely(sampled.count(outcome), 20_000, probability)
-    success = sum(probability for (arrival, _), probability in distribution.items() if arrival > 0)
+    success = success_of(distribution)
     assert 0.15 < success < 0.85
     assert_likely(sum(arrival > 0 for arrival, _ in sampled), 20_000, success)
     for survivors in range(3):
@@ -117,31 +84,30 @@ def test_two_member_chain_matches_enumeration_by_hand() -> None:
 
 
 def test_member_survives_if_draw_is_below_survival_probability() -> None:
-    """The rate at X(t+1), with those alive at t."""
-    draws = np.stack([uniforms(7, t, 0, 200, 2) for t in range(STEPS)], axis=1)
-    deaths = 0
-    for run, trace in enumerate(
-        study(pair(), hurry_alone, save_trajectories=200).trajectories["hurry_alone"]
-    ):
-        for t in range(len(trace.alive) - 1):
-            before, after = trace.alive[t], trace.alive[t + 1]
-            for i in np.flatnonzero(before):
-                rate = rate_by_hand(i, trace.positions[t + 1], before, RADARS)
-                assert after[i] == (draws[run, t, i] < math.exp(-DT * rate))
-                deaths += not after[i]
+    """The rate at X(t+1), with those alive at t: a survivor has that of an isolated agent."""
+    draws = np.stack([uniforms(7, t, 0, 500, 2) for t in range(STEPS)], axis=1)
+    found = study(pair(), hurry_alone, save_trajectories=500)
+    deaths, alone, hazard = 0, 0, pair().hazard
+    for run, trace in enumerate(found.trajectories["hurry_alone"]):
+        step = trace.positions[1] - trace.positions[0]
+        np.testing.assert_allclose(step, [[DT * 1.4, 0.0], [DT * 1.5, DT * 0.1]], atol=1e-15)
+        for t, i in zip(*np.nonzero(trace.alive[:-1]), strict=True):
+            before, moved = trace.alive[t], trace.positions[t + 1]
+            rate = rate_by_hand(i, moved, before, RADARS)
+            assert trace.alive[t + 1, i] == (draws[run, t, i] < math.exp(-DT * rate))
+            deaths += not trace.alive[t + 1, i]
+            if before.sum() == 1:
+                assert rate == pytest.approx(float(hazard.single_agent_rates(moved[i])), rel=1e-12)
+                alone += 1
     assert deaths > 100
+    assert alone > 50
+    assert found.runs["saturated"].sum() == 0  # velocities within limits are unchanged
 
 
-@pytest.mark.parametrize(
-    ("steps", "a_max"),
-    [
-        (12, 0.5),
-        *(
-            pytest.param(*values, marks=pytest.mark.slow)
-            for values in ((20, 0.05), (12, 0.02), (20, 0.01))
-        ),
-    ],
-)
+SLACKLESS = [pytest.param(*v, marks=pytest.mark.slow) for v in ((20, 0.05), (12, 0.02), (20, 0.01))]
+
+
+@pytest.mark.parametrize(("steps", "a_max"), [(12, 0.5), *SLACKLESS])
 def test_single_member_survival_equals_guide_survival(steps: int, a_max: float) -> None:
     """Also where the limits leave no slack to correct rounding errors."""
     scenario = small([(0.0, 0.0)], (4.0, 0.5), [(2.0, 0.3)], steps, swarm__a_max=a_max)
@@ -203,21 +169,6 @@ def test_destroyed_members_never_return_or_move() -> None:
     assert destroyed > 200
 
 
-def test_destroyed_members_do_not_influence_rates() -> None:
-    """The survivor of a pair has the rate of an isolated agent from the next step on."""
-    draws = np.stack([uniforms(7, t, 0, 500, 2) for t in range(STEPS)], axis=1)
-    alone = 0
-    for run, trace in enumerate(
-        study(pair(), hurry_alone, save_trajectories=500).trajectories["hurry_alone"]
-    ):
-        for t in np.flatnonzero(trace.alive[:-1].sum(axis=1) == 1):
-            (i,) = np.flatnonzero(trace.alive[t])
-            rate = float(pair().hazard.single_agent_rates(trace.positions[t + 1, i]))
-            assert trace.alive[t + 1, i] == (draws[run, t, i] < math.exp(-DT * rate))
-            alone += 1
-    assert alone > 50
-
-
 # --- end of runs
 
 
@@ -267,19 +218,8 @@ def test_velocities_beyond_limits_are_saturated_and_counted() -> None:
         saturated += int(living.sum())
     assert found.runs["saturated"].sum() == saturated
     # the nearest to the far south-east: half of a_max to each side
-    first = (
-        found.trajectories["overdrive"][0].positions[1]
-        - found.trajectories["overdrive"][0].positions[0]
-    )
-    np.testing.assert_allclose(first / DT, [[2.0, -0.5]] * 2, atol=5e-3)
-
-
-def test_velocities_within_limits_are_unchanged() -> None:
-    found = study(pair(), hurry_alone, save_trajectories=20)
-    assert found.runs["saturated"].sum() == 0
-    for trace in found.trajectories["hurry_alone"]:
-        step = trace.positions[1] - trace.positions[0]
-        np.testing.assert_allclose(step, [[DT * 1.4, 0.0], [DT * 1.5, DT * 0.1]], atol=1e-15)
+    first = np.diff(found.trajectories["overdrive"][0].positions[:2], axis=0)
+    np.testing.assert_allclose(first / DT, [[[2.0, -0.5]] * 2], atol=5e-3)
 
 
 # --- common random numbers

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from casswarm.chain import Purpose, uniforms
+from casswarm.chain import Purpose, uniforms, write_uniforms
 from casswarm.chain.states import distinct_states
 
+WORD = 2**64 - 1
 sizes = st.integers(1, 7)
 
 
@@ -27,6 +28,23 @@ def test_uniforms_are_independent_of_batches(
         for start, size in zip(starts, batches, strict=True)
     ]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+@given(st.integers(0, WORD), st.integers(0, 10_000), st.integers(0, 2**60), st.integers(1, 17))
+def test_write_uniforms_of_any_run_equals_uniforms(
+    seed: int, step: int, run: int, members: int
+) -> None:
+    draws = np.empty(members)
+    write_uniforms(np.uint64(seed), np.uint64(step), np.uint64(run), draws)
+    np.testing.assert_array_equal(draws, uniforms(seed, step, run, 1, members)[0])
+
+
+@pytest.mark.parametrize("seed", [0, WORD])
+def test_write_uniforms_has_the_numbers_of_its_generator(seed: int) -> None:
+    draws = np.empty(4)
+    write_uniforms(np.uint64(seed), np.uint64(0), np.uint64(0), draws)
+    generator = np.random.Generator(np.random.Philox(key=np.array([seed, 0], np.uint64)))
+    np.testing.assert_array_equal(draws, generator.random(4))
 
 
 def test_uniforms_differ_between_runs_steps_seeds_and_purposes() -> None:

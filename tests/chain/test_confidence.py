@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -77,13 +78,18 @@ def test_required_runs_reach_half_width(successes: int, half_width: float) -> No
         assert runs < 1.96**2 / 4 / half_width**2
 
 
+@pytest.mark.parametrize(("interval", "method"), [(wilson, "wilson"), (clopper_pearson, "exact")])
+@pytest.mark.parametrize(("successes", "runs"), [(0, 10), (3, 10), (8, 10), (10, 10), (517, 1000)])
+def test_interval_matches_scipy(
+    interval: Callable[[int, int], Any], method: str, successes: int, runs: int
+) -> None:
+    expected = binomtest(successes, runs).proportion_ci(0.95, method=method)
+    tolerance = 1e-14 if interval is wilson else 1e-12
+    found = interval(successes, runs)
+    assert found == pytest.approx((expected.low, expected.high), abs=tolerance)
+
+
 # --- strata
-
-
-def test_wilson_matches_scipy() -> None:
-    for successes, runs in ((0, 10), (3, 10), (10, 10), (517, 1000)):
-        interval = binomtest(successes, runs).proportion_ci(0.95, method="wilson")
-        assert wilson(successes, runs) == pytest.approx((interval.low, interval.high), abs=1e-14)
 
 
 def test_effective_runs_match_calculation_by_hand() -> None:
@@ -109,11 +115,7 @@ def test_stratified_interval_has_nominal_coverage(runs: int) -> None:
     assert narrower / 2000 < 0.98
 
 
-def test_clopper_pearson_matches_scipy() -> None:
-    for successes, runs in ((0, 10), (3, 10), (10, 10), (517, 1000), (8, 10)):
-        interval = binomtest(successes, runs).proportion_ci(0.95, method="exact")
-        found = clopper_pearson(successes, runs)
-        assert found == pytest.approx((interval.low, interval.high), abs=1e-12)
+def test_clopper_pearson_of_ten_runs_is_known() -> None:
     assert clopper_pearson(1, 10).low == pytest.approx(0.0025)
     assert clopper_pearson(9, 10).high == pytest.approx(0.9975)
 

@@ -6,8 +6,10 @@ from itertools import product
 
 import numpy as np
 import pytest
+from brute_force import law_by_hand, success_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.stats import binomtest
 from small_scenarios import Array, small, three_members
 
@@ -24,6 +26,12 @@ MOTION = Motion(2.0, 0.5, 0.33)
 SIX_STEPS = small(
     [(0.0, 0.0), (0.3, 0.2)], (2.6, 0.0), RADARS, 6, hazard__alpha_1=3.0, guide__a_max=0.05
 )
+
+
+@pytest.fixture(scope="module")
+def guide() -> csw.Guide:
+    """Guide of three members."""
+    return csw.plan(three_members(), certify=False)
 
 
 def lattice(spacing: float, path: Array) -> Lattice:
@@ -81,9 +89,8 @@ def test_lattice_positions_depend_on_nothing_but_their_indices() -> None:
     assert len(np.unique(following, axis=0)) == len(np.unique(velocities, axis=0)) == 1
 
 
-def test_member_on_the_guide_stays_exactly_on_it() -> None:
+def test_member_on_the_guide_stays_exactly_on_it(guide: csw.Guide) -> None:
     scenario = three_members()
-    guide = csw.plan(scenario, certify=False)
     given = Lattice.along(guide, scenario, None, SOLVER_TOL)
     assert given is not None
     assert given.spacing == SOLVER_TOL * scenario.swarm.v_max * scenario.time.dt
@@ -95,11 +102,9 @@ def test_member_on_the_guide_stays_exactly_on_it() -> None:
 
 
 @pytest.mark.parametrize("spacing", [1e-20, 0.1, np.inf, np.nan, -1.0])
-def test_lattice_refuses_spacings_without_meaning(spacing: float) -> None:
-    scenario = three_members()
-    guide = csw.plan(scenario, certify=False)
+def test_lattice_refuses_spacings_without_meaning(spacing: float, guide: csw.Guide) -> None:
     with pytest.raises(PolicyError, match=r"aggregation_tol = .*; allowed: 0, .* to 0.0292"):
-        csw.evaluate(scenario, "leader", 0.5, guide=guide, aggregation_tol=spacing)
+        csw.evaluate(three_members(), "leader", 0.5, guide=guide, aggregation_tol=spacing)
 
 
 def test_default_lattice_keeps_to_double_precision_far_from_the_origin() -> None:
@@ -116,7 +121,7 @@ def test_default_lattice_keeps_to_double_precision_far_from_the_origin() -> None
 
 
 def brute_force(scenario: csw.Scenario, policy: Policy, before: Array, given: Lattice) -> float:
-    """Success probability by recursion over all fates; states are neither shared nor aggregated.
+    """Success probability by recursion over all fates.
 
     Commands are rounded by a search of the points around: the nearest that is allowed.
     """
@@ -134,29 +139,13 @@ def brute_force(scenario: csw.Scenario, policy: Policy, before: Array, given: La
         distance = np.hypot(*(points - x - dt * velocity).T)
         return points[np.where(allowed, distance, np.inf).argmin()]
 
-    def success(step: int, x: Array, previous: Array, alive: tuple[bool, ...]) -> float:
-        if not any(alive) or step == scenario.n_steps:
-            return 0.0
-        living = np.array(alive)
-        x, previous = x * living[:, None], previous * living[:, None]
-        velocities = policy.velocities(step, x, previous, living)
-        following = np.zeros_like(x)
-        for i in np.flatnonzero(living):
+    def move(step: int, x: Array, previous: Array, alive: NDArray[np.bool_]) -> Array:
+        velocities, following = policy.velocities(step, x, previous, alive), np.zeros_like(x)
+        for i in np.flatnonzero(alive):
             following[i] = rounded(step, x[i], velocities[i], previous[i])
-        survival = np.exp(-dt * scenario.hazard.rates(following, living))
-        inside = scenario.target.contains(following)
-        total = 0.0
-        for fate in product((False, True), repeat=len(alive)):
-            survivors = np.array(fate)
-            if (survivors & ~living).any():
-                continue
-            mass = np.prod(np.where(survivors, survival, 1 - survival)[living])
-            arrives = (survivors & inside).any()
-            after = (following - x) / dt
-            total += mass * (1.0 if arrives else success(step + 1, following, after, fate))
-        return total
+        return following
 
-    return success(0, scenario.positions, before, (True,) * scenario.n)
+    return success_of(law_by_hand(scenario, before, move))
 
 
 @pytest.mark.parametrize("policy", ["leader", "constrained", "naive"])
@@ -203,10 +192,8 @@ def test_default_lattice_needs_a_tenth_of_the_states() -> None:
     assert max(law.success.low, exact.success.low) <= min(law.success.high, exact.success.high)
 
 
-def test_policies_without_a_solver_are_not_rounded() -> None:
-    scenario = three_members()
-    guide = csw.plan(scenario, certify=False)
-    assert csw.evaluate(scenario, "naive", 0.1, guide=guide).aggregation_tol == 0.0
+def test_policies_without_a_solver_are_not_rounded(guide: csw.Guide) -> None:
+    assert csw.evaluate(three_members(), "naive", 0.1, guide=guide).aggregation_tol == 0.0
 
 
 def test_law_of_gathered_members_does_not_depend_on_rounding() -> None:

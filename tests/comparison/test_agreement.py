@@ -10,11 +10,12 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
+from solver_runs import run
 
 import casswarm as csw
 from casswarm.comparison import Comparison, Tolerances, make_report, verify
-from casswarm.comparison.run import environment
 
+MEASURED = {"relative_error": 1e-9, "build_seconds": 1e-3, "time_ratio": 1.0}
 PROBLEMS = [f"p{number}" for number in range(8)]
 
 
@@ -22,14 +23,7 @@ def made(seconds: dict[str, float], seed: int = 0, problems: list[str] = PROBLEM
     """A comparison in which solvers solve all problems in about these times."""
     rng = np.random.default_rng(seed)
     rows = [
-        {
-            **{"family": "f", "problem": problem, "copy": 0, "start": "cold", "solver": solver},
-            **{"reported_status": "solved", "status": "solved", "message": "", "objective": 1.0},
-            **{"violation": 0.0, "violated_row": "", "stationarity": 0.0, "complementarity": 0.0},
-            **{"relative_error": 1e-9, "iterations": 3, "evaluations": 4, "build_seconds": 1e-3},
-            "solve_seconds": time * rng.uniform(0.9, 1.1),
-            **{"solves": 1, "time_ratio": 1.0, "objective_scale": 1.0, "gradient_seconds": 1e-5},
-        }
+        run(problem, solver, solve_seconds=time * rng.uniform(0.9, 1.1), **MEASURED)
         for problem in problems
         for solver, time in seconds.items()
     ]
@@ -39,7 +33,6 @@ def made(seconds: dict[str, float], seed: int = 0, problems: list[str] = PROBLEM
         "solvers": {name: name for name in seconds},
         "problems": dict.fromkeys(problems, "hash"),
         "tolerances": {"violation": 1e-6},
-        **environment(),
     }
     return Comparison(verify(pd.DataFrame(rows), Tolerances()), pd.DataFrame(), inputs)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
+import re
 
 import numpy as np
 import pandas as pd
@@ -10,6 +10,7 @@ import pytest
 from faulty_solvers import SlowAtFirst
 from hock_schittkowski import published
 from known_problems import active_box, nearest_in_box
+from solver_runs import run
 
 import casswarm as csw
 from casswarm.comparison import (
@@ -41,13 +42,6 @@ def test_make_problems_depends_on_seed_only(quick):
     assert not {p.fingerprint() for p in other} & {p.fingerprint() for p in quick}
 
 
-def test_problem_pickles_with_equal_fingerprint(quick):
-    for problem in quick:
-        again = pickle.loads(pickle.dumps(problem))
-        assert again.fingerprint() == problem.fingerprint()
-        assert again.traits == problem.traits
-
-
 def test_problem_starts_differ_only_in_x0(quick):
     for problem in quick:
         cold, warm = problem.starts["cold"], problem.starts["warm"]
@@ -66,81 +60,55 @@ def test_formation_problems_have_free_members(quick):
             assert solution.status.success
 
 
-def test_compare_rejects_invalid_arguments(quick):
-    with pytest.raises(ComparisonError, match="did you mean 'guides'"):
-        make_problems("guidess")
-    with pytest.raises(ComparisonError, match="count = 0; allowed"):
-        make_problems("guides", 0)
-    with pytest.raises(ComparisonError, match="did you mean 'quick'"):
-        csw.compare("quik")
-    with pytest.raises(ComparisonError, match="no solver given"):
-        csw.compare(quick[0], [])
-    with pytest.raises(ComparisonError, match="solvers of the same name: ipopt; give a mapping"):
-        csw.compare([quick[0]], [Ipopt(), Ipopt(tolerance=1e-4)])
-    with pytest.raises(ComparisonError, match="problems of the same name: guide-10-0"):
-        csw.compare([quick[0], quick[0]], ["ipopt"])
-    with pytest.raises(ComparisonError, match="has 2 instances as its cold start"):
-        Problem("two", "boxes", *nearest_in_box(np.zeros((2, 2)))[:1], {"cold": two()})
-    with pytest.raises(ComparisonError, match="copies = -1; allowed: whole numbers from 0"):
-        csw.compare([quick[0]], ["ipopt"], copies=-1)
-    with pytest.raises(ComparisonError, match=r"copies = 1\.5"):
-        csw.compare([quick[0]], ["ipopt"], copies=1.5)
-    with pytest.raises(ComparisonError, match="time_limit = 0"):
-        csw.compare([quick[0]], ["ipopt"], time_limit=0)
+TWO, BOTH = nearest_in_box(np.zeros((2, 2)))
+REFUSED = [
+    (lambda _: make_problems("guidess"), "did you mean 'guides'"),
+    (lambda _: make_problems("guides", 0), "count = 0; allowed"),
+    (lambda _: csw.compare("quik"), "did you mean 'quick'"),
+    (lambda given: csw.compare(given, []), "no solver given"),
+    (
+        lambda given: csw.compare([given], [Ipopt(), Ipopt(tolerance=1e-4)]),
+        "solvers of the same name: ipopt; give a mapping",
+    ),
+    (lambda given: csw.compare([given] * 2, "ipopt"), "problems of the same name: guide-10-0"),
+    (lambda _: Problem("two", "f", TWO, {"cold": BOTH}), "has 2 instances as its cold start"),
+    (
+        lambda given: csw.compare(given, "ipopt", copies=-1),
+        "copies = -1; allowed: whole numbers from 0",
+    ),
+    (lambda given: csw.compare(given, "ipopt", copies=1.5), "copies = 1.5"),
+    (lambda given: csw.compare(given, "ipopt", time_limit=0), "time_limit = 0"),
+    (lambda _: Tolerances(objective=-1), "tolerance objective = -1"),
+]
+
+
+@pytest.mark.parametrize(("call", "words"), REFUSED)
+def test_invalid_arguments_are_refused(quick, call, words):
+    with pytest.raises(ComparisonError, match=re.escape(words)):
+        call(quick[0])
     with pytest.raises(SolverError, match="did you mean 'ipopt'"):
         csw.compare([quick[0]], ["ipop"])
-    with pytest.raises(ComparisonError, match="tolerance objective = -1"):
-        Tolerances(objective=-1)
-
-
-def two():
-    return nearest_in_box(np.zeros((2, 2)))[1]
 
 
 # --- verification, of a table written by hand
 
 
-def run(problem, solver, reported="solved", objective=1.0, seconds=0.1, **others):
-    return {
-        "family": "f",
-        "problem": problem,
-        "copy": 0,
-        "start": "cold",
-        "solver": solver,
-        "reported_status": reported,
-        "status": reported,
-        "message": "message",
-        "objective": objective,
-        "violation": 0.0,
-        "violated_row": "",
-        "stationarity": 0.0,
-        "complementarity": 0.0,
-        "relative_error": 0.0,
-        "iterations": 5,
-        "evaluations": 6,
-        "build_seconds": 0.01,
-        "solve_seconds": seconds,
-        "solves": 1,
-        "time_ratio": np.nan,
-        "objective_scale": 1.0,
-        "gradient_seconds": 1e-5,
-    } | others
-
-
+NOT_APPLICABLE = {"solve_seconds": np.nan, "violation": np.nan, "stationarity": np.nan}
+LOST = {"violation": np.inf, "stationarity": np.inf}
 RUNS = pd.DataFrame(
     [
         run("p", "good", objective=2.0),
         run("p", "local", objective=2.1),
         run("p", "liar", objective=1.0, violation=0.5, violated_row="budget[0]"),
-        run("p", "shy", "iteration limit", objective=2.0),
-        run("p", "lost", "failed", objective=np.nan, violation=np.inf, stationarity=np.inf),
-        run("p", "picky", "not applicable", np.nan, np.nan, violation=np.nan, stationarity=np.nan),
-        run("q", "good", objective=3.0, seconds=0.4),
-        run("q", "local", objective=3.0, seconds=0.2),
+        run("p", "shy", "iteration limit", objective=2.0, message="message"),
+        run("p", "lost", "failed", np.nan, **LOST),
+        run("p", "picky", "not applicable", np.nan, **NOT_APPLICABLE),
+        run("q", "good", objective=3.0, solve_seconds=0.4),
+        run("q", "local", objective=3.0, solve_seconds=0.2),
         run("q", "liar", objective=3.0, stationarity=1.0),
         run("q", "shy", objective=3.0 + 1e-5),
         run("q", "lost", "time limit", objective=2.9, stationarity=1.0),
-        run("q", "picky", "not applicable", np.nan, np.nan, violation=np.nan, stationarity=np.nan),
+        run("q", "picky", "not applicable", np.nan, **NOT_APPLICABLE),
     ]
 )
 
@@ -151,12 +119,9 @@ def table():
 
 
 def test_verify_best_objective_is_least_of_feasible_answers(table):
-    assert (
-        table.loc["p", "best_objective"].tolist() == [2.0] * 6
-    )  # not the 1 of an infeasible answer
-    assert (
-        table.loc["q", "best_objective"].tolist() == [2.9] * 6
-    )  # an answer at a time limit counts if it is feasible
+    best = table["best_objective"]
+    assert best["p"].tolist() == [2.0] * 6  # not the 1 of an infeasible answer
+    assert best["q"].tolist() == [2.9] * 6  # one at a time limit counts if it is feasible
     assert table.loc[("p", "local"), "gap"] == pytest.approx(0.05)
 
 
@@ -181,10 +146,8 @@ def test_summary_counts_reported_against_verified(table):
     counts = summary(table.reset_index(drop=True), time_limit=10.0).set_index("solver")
     assert "picky" not in counts.index  # applies to nothing in the family
     columns = ["true_positives", "false_positives", "missed", "unsolved"]
-    assert counts.loc["good", columns].tolist() == [2, 0, 0, 0]
-    assert counts.loc["liar", columns].tolist() == [0, 2, 0, 0]
-    assert counts.loc["shy", columns].tolist() == [1, 0, 1, 0]
-    assert counts.loc["lost", columns].tolist() == [0, 0, 0, 2]
+    found = counts.loc[["good", "liar", "shy", "lost"], columns].to_numpy().tolist()
+    assert found == [[2, 0, 0, 0], [0, 2, 0, 0], [1, 0, 1, 0], [0, 0, 0, 2]]
     assert counts.loc["good", "mean_ms"] == pytest.approx(1e3 * (np.sqrt(0.101 * 0.401) - 0.001))
     assert counts.loc["lost", "mean_ms"] == pytest.approx(10_000)
 

@@ -29,7 +29,6 @@ def iterates_of(solver: Solver, problem: csw.Problem) -> Iterates | None:
 def test_projected_gradient_visits_a_geometric_sequence() -> None:
     # x <- x - 0.25 * 2 x = x / 2
     iterates = iterates_of(csw.solvers.ProjectedGradient(step=0.25, max_iter=30), BOWL)
-    assert iterates is not None
     assert iterates.numbers[:6].tolist() == [0, 1, 2, 3, 4, 5]
     np.testing.assert_allclose(iterates.x, np.outer(0.5**iterates.numbers, [4, 2]), rtol=1e-12)
     assert (np.diff(iterates.seconds) >= 0).all()
@@ -48,7 +47,6 @@ def test_projected_gradient_visits_a_geometric_sequence() -> None:
 def test_iterates_lead_from_the_guess_to_the_answer(solver: Solver) -> None:
     iterates = iterates_of(solver, LINE)
     answer = solver.solve(LINE.nlp, LINE.starts["given"])[0]
-    assert iterates is not None
     assert iterates.numbers[0] == 0
     np.testing.assert_allclose(iterates.x[0], [0, 0], atol=0.05)  # Ipopt moves it off bounds
     np.testing.assert_allclose(iterates.x[-1], [1, 1], atol=1e-4)
@@ -58,7 +56,6 @@ def test_iterates_lead_from_the_guess_to_the_answer(solver: Solver) -> None:
 def test_iterates_are_in_the_problems_own_units() -> None:
     scaled = replace(LINE.starts["given"], scale=np.array([[10.0, 5.0]]))
     iterates = csw.solvers.Sqp().iterates(LINE.nlp, scaled)
-    assert iterates is not None
     np.testing.assert_allclose(iterates.x[-1], [1, 1], atol=1e-6)
 
 
@@ -67,13 +64,11 @@ def test_log_keeps_the_first_some_and_the_last() -> None:
     for number in range(10_001):
         log([number])
     iterates = log.iterates(np.empty(0))
-    assert iterates is not None
     assert iterates.numbers[:50].tolist() == list(range(50))
     assert iterates.numbers[-1] == iterates.x[-1] == 10_000
     assert (np.diff(iterates.numbers) > 0).all()
     assert len(iterates.numbers) < 250
     started = log.iterates(np.array([-1.0]))
-    assert started is not None
     assert started.numbers[:3].tolist() == [0, 1, 2]
     assert started.x[:3, 0].tolist() == [-1, 0, 1]
 

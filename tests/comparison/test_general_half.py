@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import python
 
 from casswarm.comparison import FAMILIES, Family, register_problems
 from casswarm.errors import ComparisonError
@@ -28,9 +27,7 @@ def printed(run: str, folder: Path) -> list[str]:
     """Lines that a fresh process prints, which runs a line of code with `example`."""
     script = folder / "script.py"
     script.write_text(CHECK.format(path=str(EXAMPLE), run=run, rooms=set(SWARMS)))
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    return python(script).stdout.splitlines()
 
 
 def test_batch_of_another_field_imports_no_swarm(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Profiles against tables worked out by hand, and what must not change them."""
+"""Profiles against tables worked out by hand, what must not change them, and their figures."""
 
 from __future__ import annotations
 
@@ -9,8 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from casswarm.comparison import data_profile, pairwise_profiles, pairwise_wins, performance_profile
+from casswarm.comparison import (
+    data_bands,
+    data_profile,
+    pairwise_profiles,
+    pairwise_wins,
+    performance_bands,
+    performance_profile,
+    rank_solvers,
+)
 from casswarm.comparison.profiles import fraction_at, shifted_geometric_mean
+from casswarm.figures import band_chart, pair_chart, profile_chart, ranking_chart, win_chart
 
 INF = np.inf
 BY_HAND = pd.DataFrame(
@@ -29,32 +38,23 @@ tables = arrays(
 def test_performance_profile_equals_hand_calculation() -> None:
     profile = performance_profile(BY_HAND)
     assert profile.index.tolist() == [1, 2, 3, 4]
-    assert profile["a"].tolist() == [0.5, 0.5, 0.5, 0.75]
-    assert profile["b"].tolist() == [0.5, 0.75, 0.75, 0.75]
-    assert profile["c"].tolist() == [0, 0, 0.25, 0.5]
+    a, b, c = [0.5, 0.5, 0.5, 0.75], [0.5, 0.75, 0.75, 0.75], [0, 0, 0.25, 0.5]
+    assert profile[["a", "b", "c"]].to_numpy().T.tolist() == [a, b, c]
+    for at, fractions in ((0.9, [0, 0, 0]), (2.9, [0.5, 0.75, 0]), (1e9, [0.75, 0.75, 0.5])):
+        assert fraction_at(profile, at).tolist() == fractions
 
 
 def test_data_profile_equals_hand_calculation() -> None:
     profile = data_profile(BY_HAND, [1.0, 2.0, 2.0, 1.0])
     assert profile.index.tolist() == [0.5, 1, 1.5, 2, 4]
-    assert profile["a"].tolist() == [0, 0.5, 0.5, 0.75, 0.75]
-    assert profile["b"].tolist() == [0.25, 0.5, 0.5, 0.75, 0.75]
-    assert profile["c"].tolist() == [0, 0, 0.25, 0.25, 0.5]
-
-
-def test_fraction_at_between_steps() -> None:
-    profile = performance_profile(BY_HAND)
-    assert fraction_at(profile, 0.9).tolist() == [0, 0, 0]
-    assert fraction_at(profile, 2.9).tolist() == [0.5, 0.75, 0]
-    assert fraction_at(profile, 1e9).tolist() == [0.75, 0.75, 0.5]
+    a, b, c = [0, 0.5, 0.5, 0.75, 0.75], [0.25, 0.5, 0.5, 0.75, 0.75], [0, 0, 0.25, 0.25, 0.5]
+    assert profile[["a", "b", "c"]].to_numpy().T.tolist() == [a, b, c]
 
 
 def test_pairwise_wins_equal_hand_count_without_ties() -> None:
-    wins = pairwise_wins(BY_HAND)
-    assert (wins.loc["a", "b"], wins.loc["b", "a"]) == (0.25, 0.25)
-    assert (wins.loc["a", "c"], wins.loc["c", "a"]) == (0.5, 0.25)
-    assert (wins.loc["b", "c"], wins.loc["c", "b"]) == (0.75, 0)
-    assert np.isnan(np.diag(wins)).all()
+    wins = pairwise_wins(BY_HAND).loc[["a", "b", "c"], ["a", "b", "c"]]
+    nan = np.nan
+    np.testing.assert_array_equal(wins, [[nan, 0.25, 0.5], [0.25, nan, 0.75], [0.25, 0, nan]])
 
 
 def test_pairwise_profile_is_independent_of_others() -> None:
@@ -100,19 +100,12 @@ def test_profiles_end_at_fraction_solved(table) -> None:
 
 @pytest.mark.parametrize(
     ("costs", "words"),
-    [
-        (pd.DataFrame({"a": []}), "at least one problem"),
-        (pd.DataFrame({"a": [0.0]}), "above zero"),
-        (pd.DataFrame({"a": [np.nan]}), "above zero"),
-    ],
+    [([], "at least one problem"), ([0.0], "above zero"), ([np.nan], "above zero")],
 )
-def test_profiles_reject_invalid_costs(costs: pd.DataFrame, words: str) -> None:
+def test_profiles_reject_invalid_costs_and_units(costs: list[float], words: str) -> None:
     for function in (performance_profile, data_profile):
         with pytest.raises(ValueError, match=words):
-            function(costs)
-
-
-def test_data_profile_rejects_invalid_units() -> None:
+            function(pd.DataFrame({"a": costs}))
     with pytest.raises(ValueError, match="units must be finite"):
         data_profile(BY_HAND, [1, 1, 0, 1])
 
@@ -124,3 +117,38 @@ def test_shifted_geometric_mean_equals_hand_calculation() -> None:
     for values, shift in (([-1.0], 1.0), ([1.0], 0.0)):
         with pytest.raises(ValueError, match="shift"):
             shifted_geometric_mean(values, shift)
+
+
+# --- figures
+
+
+def test_profile_charts_draw_given_values():
+    table = pd.DataFrame({"a": [1.0, 2.0, np.inf], "b": [2.0, 1.0, 4.0]})
+    fig = profile_chart({"one": performance_profile(table)}, "factor", "title", ["b", "a"])
+    curve = next(line for line in fig.axes[0].lines if line.get_label() == "a")
+    assert curve.get_ydata().tolist()[1:] == [1 / 3, 2 / 3, 2 / 3]
+    assert len(pair_chart(pairwise_profiles(table)).axes) == 1
+    matrix = win_chart(pairwise_wins(table))
+    assert [t.get_text() for t in matrix.axes[0].texts] == ["33 %", "67 %"]
+
+
+def test_band_chart_has_a_panel_per_solver(tmp_path):
+    table = pd.DataFrame({"a": [1.0, 2.0, np.inf, 1.0], "b": [2.0, 1.0, 4.0, 3.0]})
+    fig = band_chart(performance_profile(table), performance_bands(table), "factor", "title")
+    assert [axes.get_title() for axes in fig.axes] == ["a", "b"]
+    nothing = pd.DataFrame({"a": [np.inf]})
+    band_chart(data_profile(nothing), data_bands(nothing), "budget").savefig(tmp_path / "no.png")
+
+
+def test_ranking_chart_states_rank_and_probability():
+    costs = pd.DataFrame({"slow": np.full(8, 0.5), "fast": np.full(8, 0.1)}, list("pqrstuvw"))
+    texts = [text.get_text() for text in ranking_chart(rank_solvers(costs, 2.0)).axes[0].texts]
+    assert texts == ["rank 1 (100 %)", "rank 2 (100 %)"]
+    few = ranking_chart(rank_solvers(costs.iloc[:1], 2.0))
+    assert [text.get_text() for text in few.axes[0].texts] == ["rank 1", "rank 2"]
+
+
+def test_profile_chart_without_solved_problem_is_drawn(tmp_path):
+    nothing = pd.DataFrame({"a": [np.inf], "b": [np.inf]})
+    fig = profile_chart({"one": performance_profile(nothing)}, "factor")
+    fig.savefig(tmp_path / "nothing.png")

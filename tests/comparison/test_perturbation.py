@@ -35,7 +35,6 @@ def answer(x, multipliers=None) -> Answer:
 def test_copy_has_the_functions_of_the_original(number: int, seed: int) -> None:
     case, (_, copy) = KNOWN[number], copies_of(problem(number), 1, seed)
     start, change = copy.starts["cold"], copy.reformulation
-    assert change is not None
     x = copy.restored(answer(start.x0[0])).x
     objective, g = (np.asarray(v).ravel() for v in case.nlp.evaluate(x, []))
     new_objective, new_g = (np.asarray(v).ravel() for v in copy.nlp.evaluate(start.x0[0], []))
@@ -51,7 +50,6 @@ def test_copy_has_the_functions_of_the_original(number: int, seed: int) -> None:
 def test_optimum_of_the_original_is_optimum_of_the_copy(number: int, seed: int) -> None:
     case, (_, copy) = KNOWN[number], copies_of(problem(number), 1, seed)
     change = copy.reformulation
-    assert change is not None
     y = (case.x / change.x_scale)[change.variables]
     bounds = (case.bound_multipliers * change.x_scale)[change.variables] * change.f_scale
     rows = (case.row_multipliers / change.g_scale)[change.constraints] * change.f_scale
@@ -59,7 +57,6 @@ def test_optimum_of_the_original_is_optimum_of_the_copy(number: int, seed: int) 
     assert max(residuals.violation, residuals.stationarity, residuals.complementarity) < 1e-5
     restored = copy.restored(answer(y, (bounds, rows)))
     np.testing.assert_allclose(restored.x, case.x, rtol=1e-15)
-    assert restored.multipliers is not None
     np.testing.assert_allclose(restored.multipliers[0], case.bound_multipliers, atol=1e-15)
     np.testing.assert_allclose(restored.multipliers[1], case.row_multipliers, atol=1e-15)
 
@@ -114,15 +111,6 @@ def test_copy_of_structured_problem_keeps_its_form() -> None:
     assert not np.array_equal(copy.starts["cold"].x0, instance.x0)
 
 
-def test_copy_of_parametric_problem_pickles() -> None:
-    nlp, instances = nearest_in_box(np.array([[0.25, 4.0]]))
-    copy = copies_of(Problem("p", "f", nlp, {"cold": instances}))[1]
-    again = pickle.loads(pickle.dumps(copy.nlp))
-    found = Ipopt().solve(again, copy.starts["cold"])[0]
-    x = copy.restored(answer(found.x)).x
-    np.testing.assert_allclose(x, [0.25, 1.0], atol=1e-6)
-
-
 def test_restored_answer_of_wrong_size_is_unchanged() -> None:
     change = Reformulation.random(KNOWN[5].nlp, np.random.default_rng(0))
     wrong = answer(np.zeros(7))
@@ -135,3 +123,10 @@ def test_instances_scale_follows_the_objective() -> None:
     changed = change.instances(case.instance)
     assert isinstance(changed, Instances)
     assert changed.scale.tolist() == [[1.0, change.f_scale]]
+
+
+def test_copy_of_parametric_problem_pickles() -> None:
+    nlp, instances = nearest_in_box(np.array([[0.25, 4.0]]))
+    copy = copies_of(Problem("p", "f", nlp, {"cold": instances}))[1]
+    found = Ipopt().solve(pickle.loads(pickle.dumps(copy.nlp)), copy.starts["cold"])[0]
+    np.testing.assert_allclose(copy.restored(answer(found.x)).x, [0.25, 1.0], atol=1e-6)

@@ -14,21 +14,18 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has other pe
 slow = pytest.mark.slow
 
 
-def emptied(content):
-    return content[:0]
-
-
-def cut(content):
-    return content[: len(content) // 2]
-
-
 def flipped(content):
     middle = len(content) // 2
     return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
 
 
-def planted(content):
-    return b"cos\nsystem\n(S'exit 3'\ntR." + content  # a pickle that runs a command
+DAMAGES = {
+    "flipped": flipped,
+    "emptied": lambda content: content[:0],
+    "cut": lambda content: content[: len(content) // 2],
+    "planted": lambda content: b"cos\nsystem\n(S'exit 3'\ntR." + content,  # runs a command
+}
+CASES = [(suffix, damage) for suffix in ("nbc", "nbi", "py") for damage in DAMAGES]
 
 
 @pytest.fixture(scope="module")
@@ -46,19 +43,13 @@ def cache(compiled, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "damage"),
-    [
-        ("nbc", flipped),
-        *(pytest.param("nbi", damage, marks=slow) for damage in (emptied, cut, flipped, planted)),
-        *(pytest.param("nbc", damage, marks=slow) for damage in (emptied, cut, planted)),
-        *(pytest.param("py", damage, marks=slow) for damage in (emptied, cut, flipped, planted)),
-    ],
+    ("suffix", "damage"), [CASES[0], *(pytest.param(*case, marks=slow) for case in CASES[1:])]
 )
 def test_damaged_file_is_replaced(cache, suffix, damage):
     damaged = list(cache.rglob(f"*.{suffix}"))
     assert damaged
     for path in damaged:
-        path.write_bytes(damage(path.read_bytes()))
+        path.write_bytes(DAMAGES[damage](path.read_bytes()))
     hits, _ = run_compiled(cache)
     # a module that is written again is new to old versions of Numba, which compare times
     assert hits in ((HEALTHY, "0 0") if suffix == "py" else ("0 0",))

@@ -2,14 +2,12 @@
 
 import ast
 import gc
-import os
 import shutil
-import subprocess
-import sys
 
 import numba
 import numpy as np
 import pytest
+from commands import python
 
 from casswarm.compiled import generated_module
 from casswarm.compiled.kernels import stamped_files
@@ -106,14 +104,7 @@ def first_use(cache, name, before=""):
         f"of = module.{name}.entry, module.polynomial.linked, module.power.linked\n"
         "print(*(sum(dispatcher.stats.cache_hits.values()) for dispatcher in of))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | {"CASSWARM_CACHE": str(cache)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout.strip()
+    return python("-c", code, CASSWARM_CACHE=str(cache)).stdout.strip()
 
 
 @pytest.mark.slow

@@ -1,10 +1,7 @@
 """Kernels with Numba's public functions only: they take over where its inside has changed."""
 
-import os
-import subprocess
-import sys
-
 import pytest
+from commands import python
 from compiled_module import run_compiled
 
 WARNING = "kernels compile in twice the time: Numba has changed inside"
@@ -24,18 +21,6 @@ for each in study.trajectories["leader"]:
     print(*(number.hex() for number in each.positions.ravel().tolist()))
 print(study.runs.to_csv())
 """
-
-
-def of_process(code: str, **environment: str) -> tuple[str, str]:
-    """Output and messages of Python code in a process of its own."""
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout, done.stderr
 
 
 def test_plain_kernel_and_objective_are_compiled_once(tmp_path):
@@ -75,8 +60,8 @@ def test_plain_numba_without_folder_compiles_for_this_process(tmp_path):
 
 @pytest.mark.slow
 def test_plain_numba_simulates_the_same_numbers(tmp_path):
-    numbers, _ = of_process(SMALL_STUDY)
+    numbers = python("-c", SMALL_STUDY).stdout
     given = {"CASSWARM_CACHE": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
-    found, messages = of_process(f"{CLASS_DIFFERS}\n{SMALL_STUDY}", **given)
-    assert WARNING in messages
-    assert found == numbers
+    found = python("-c", f"{CLASS_DIFFERS}\n{SMALL_STUDY}", **given)
+    assert WARNING in found.stderr
+    assert found.stdout == numbers

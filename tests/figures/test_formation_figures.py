@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from figure_cases import DISTRIBUTIONS, GUIDE, RUN, SCENARIO, trajectory
+from figure_cases import DISTRIBUTIONS, GUIDE, RUN, SCENARIO, legend_of, markers, trajectory
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from casswarm import Hazard
 from casswarm.chain import RunTrajectory
 from casswarm.figures import formation_chart, joint_map, swarm_map
 from casswarm.figures.formations import (
@@ -22,12 +21,8 @@ from casswarm.studies import trajectory_table
 from casswarm.studies.tables import member_table
 
 
-def markers(axes: Axes, marker: str) -> list[tuple[float, float]]:
-    return [
-        (float(line.get_xdata()[0]), float(line.get_ydata()[0]))
-        for line in axes.get_lines()
-        if line.get_marker() == marker
-    ]
+def places(axes: Axes, marker: str) -> list[tuple[float, float]]:
+    return [tuple(line.get_xydata()[0].tolist()) for line in markers(axes, marker)]
 
 
 def test_formation_chart_shows_leader_alive_and_lost() -> None:
@@ -38,21 +33,18 @@ def test_formation_chart_shows_leader_alive_and_lost() -> None:
         "step 2: 2 of 3 alive",
         "step 3: 2 of 3 alive",
     ]
-    assert markers(first, "*") == [(0.3, 0.2)]  # member 2 leads
-    assert len(markers(first, "o")) == 2
-    assert not markers(first, "X")
-    np.testing.assert_allclose(markers(second, "X"), [RUN.positions[2, 1] - GUIDE.positions[2]])
-    assert markers(second, "*") == [(0.0, 0.0)]  # then member 1
-    assert not markers(third, "X")  # lost before
-    words = [text.get_text() for text in fig.legends[0].get_texts()]
-    assert words == ["leader", "alive", "lost in this step", "guide", "corridor"]
+    assert places(first, "*") == [(0.3, 0.2)]  # member 2 leads
+    assert len(places(first, "o")) == 2
+    assert not places(first, "X")
+    np.testing.assert_allclose(places(second, "X"), [RUN.positions[2, 1] - GUIDE.positions[2]])
+    assert places(second, "*") == [(0.0, 0.0)]  # then member 1
+    assert not places(third, "X")  # lost before
+    assert legend_of(fig) == ["leader", "alive", "lost in this step", "guide", "corridor"]
 
 
 def test_formation_chart_without_leaders_omits_them_in_legend() -> None:
     leaderless = RunTrajectory(RUN.positions, RUN.alive, np.full(3, -1))
-    fig = formation_chart(SCENARIO, leaderless)
-    words = [text.get_text() for text in fig.legends[0].get_texts()]
-    assert words == ["alive", "lost in this step"]
+    assert legend_of(formation_chart(SCENARIO, leaderless)) == ["alive", "lost in this step"]
 
 
 def test_formation_chart_step_beyond_run_raises() -> None:
@@ -60,7 +52,8 @@ def test_formation_chart_step_beyond_run_raises() -> None:
         formation_chart(SCENARIO, RUN, GUIDE, steps=[4])
 
 
-def test_additional_agent_rates_equal_hazard_rates(hazard: Hazard) -> None:
+def test_additional_agent_rates_equal_hazard_rates() -> None:
+    hazard = SCENARIO.hazard
     positions, alive = RUN.positions[2], RUN.alive[2]
     grid = np.array([[[0.3, 0.1], [1.2, -0.4]], [[2.0, 1.0], [-1.0, 0.0]]])
     rates = additional_agent_rates(hazard, grid, positions, alive)
@@ -70,13 +63,8 @@ def test_additional_agent_rates_equal_hazard_rates(hazard: Hazard) -> None:
         assert rates[index] == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.fixture
-def hazard() -> Hazard:
-    return SCENARIO.hazard
-
-
-def test_relative_rates_decrease_with_members_alive(hazard: Hazard) -> None:
-    positions = RUN.positions[1]
+def test_relative_rates_decrease_with_members_alive() -> None:
+    hazard, positions = SCENARIO.hazard, RUN.positions[1]
     here = positions.mean(axis=0)[None]
     assert relative_rates(hazard, here, positions, np.zeros(3, bool))[0] == pytest.approx(1)
     all_three = relative_rates(hazard, here, positions, np.ones(3, bool))[0]
@@ -123,27 +111,21 @@ def test_follows_guide_requires_small_distance() -> None:
 LOST = "1"  # the second member of `RUN` is lost
 
 
-def legend(fig: Figure) -> list[str]:
-    return [text.get_text() for text in fig.legends[0].get_texts()]
+def labels(fig: Figure) -> list[str]:
+    return [text.get_text() for text in fig.axes[0].texts]
 
 
-def labels(fig: Figure, panel: int = 0) -> list[str]:
-    return [text.get_text() for text in fig.axes[panel].texts]
-
-
-def test_maps_number_members_from_0() -> None:
+def test_maps_and_close_ups_number_members_from_0() -> None:
+    assert LOST in labels(formation_chart(SCENARIO, RUN, GUIDE, steps=[2]))
     fig = swarm_map(SCENARIO, RUN, GUIDE)
-    assert [text for text in legend(fig) if "member" in text] == [f"member {k}" for k in range(3)]
+    assert [text for text in legend_of(fig) if "member" in text] == [
+        f"member {k}" for k in range(3)
+    ]
     assert LOST in labels(fig)
     survival = np.full(RUN.alive.shape, 0.5)
     fig = joint_map(SCENARIO, RUN.positions, survival)
-    named = [text for text in legend(fig) if "member" in text]
+    named = [text for text in legend_of(fig) if "member" in text]
     assert named == [f"member {k},\nsurvival 0.500" for k in range(3)]
-
-
-def test_close_ups_number_members_from_0() -> None:
-    fig = formation_chart(SCENARIO, RUN, GUIDE, steps=[2])
-    assert LOST in labels(fig)
 
 
 def test_tables_number_members_from_0() -> None:

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from formation_cases import HAZARDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from window_cases import MOTION, RHO
 
-import casswarm as csw
 from casswarm.formation import (
     Auto,
     FormationTask,
@@ -18,18 +19,11 @@ from casswarm.formation import (
     or_none,
 )
 from casswarm.hazard import Hazard
-from casswarm.motion import Motion, PlanarSets, Step
+from casswarm.motion import PlanarSets, Step
 from casswarm.policies import Decision, applied_decision
 from casswarm.policies.formation_policies import formation_decision
 
-RADARS = ((4.4, 4.6), (4.5, 3.0))
-HAZARDS = {
-    "plain": csw.Saturation(RADARS, alpha_1=4.0, alpha_2=3.0, alpha_3=4.0),
-    "collisions": csw.SaturationCollision(RADARS, beta_1=0.2, beta_2=6.0),
-}
-MOTION = Motion(v_max=2.0, a_max=0.5, dt=0.33)
 GOAL = np.array([3.0, 2.5])
-RHO = 0.05
 KINDS = ("leader", "corridor", "led corridor")
 
 
@@ -53,32 +47,22 @@ def task(
 
 
 def assert_equal(found: Decision, expected: Decision) -> None:
-    np.testing.assert_array_equal(found.velocities, expected.velocities)
-    np.testing.assert_array_equal(found.infeasible, expected.infeasible)
-    np.testing.assert_array_equal(found.failures, expected.failures)
-    np.testing.assert_array_equal(found.fallbacks, expected.fallbacks)
+    for name in ("velocities", "infeasible", "failures", "fallbacks"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 def from_records(problem: FormationTask, solver: Auto) -> Decision:
     return applied_decision(problem.step, problem.formation(), solver)
 
 
+@pytest.mark.parametrize(("hazard", "most"), [("plain", 20), ("collision", 6)])
 @settings(max_examples=40, deadline=None)
-@given(
-    kind=st.sampled_from(KINDS),
-    n=st.integers(1, 20),
-    seed=st.integers(0, 2**32 - 1),
-    spread=st.sampled_from([0.0, 0.02, 0.2, 1.0]),
-)
-def test_pass_equals_records_to_the_bit(kind: str, n: int, seed: int, spread: float) -> None:
-    problem = task(kind, HAZARDS["plain"], 6, n, seed, spread)
-    assert_equal(formation_decision(problem, Auto()), from_records(problem, Auto()))
-
-
-@settings(max_examples=15, deadline=None)
-@given(kind=st.sampled_from(KINDS), n=st.integers(1, 6), seed=st.integers(0, 2**32 - 1))
-def test_pass_with_collisions_equals_records_to_the_bit(kind: str, n: int, seed: int) -> None:
-    problem = task(kind, HAZARDS["collisions"], 3, n, seed)
+@given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+def test_pass_equals_records_to_the_bit(
+    hazard: str, most: int, data: st.DataObject, kind: str, seed: int
+) -> None:
+    n, spread = data.draw(st.integers(1, most)), data.draw(st.sampled_from([0.0, 0.02, 0.2, 1.0]))
+    problem = task(kind, HAZARDS[hazard], 6, n, seed, spread)
     assert_equal(formation_decision(problem, Auto()), from_records(problem, Auto()))
 
 

@@ -17,50 +17,41 @@ from casswarm.formation import ProjectedGradient
 from casswarm.nlp import Nlp, Status
 from casswarm.solvers import Ipopt
 
-FAR = np.full((1, 2), 50.0)
-
-
 # --- closed forms
 
 
-@pytest.mark.parametrize(
-    ("goal", "nearest"),
-    [
-        ([5.0, 0.0], [3, 0]),  # on the circle of radius 3
-        ([0.5, -0.5], [0.5, -0.5]),  # inside
-        ([3.0, 4.0], [np.sqrt(9 - 2.2**2), 2.2]),  # where the box's edge crosses the circle
-        ([0.0, 7.0], [0, 2.2]),  # on the box
-    ],
-)
-def test_projected_gradient_finds_nearest_point(goal: list[float], nearest: list[float]) -> None:
-    box = np.array([[4.0, 2.2]])
-    nlp, instance = planar(
-        lambda x: ca.sumsqr(x - ca.DM(goal)), np.zeros((1, 2)), -box, box, np.array([[0.0, 0, 3]])
-    )
-    solution = ProjectedGradient().solve(nlp, instance)[0]
+def to_point(*goal: float) -> Any:
+    """Squared distance to a point."""
+    return lambda x: ca.sumsqr(x - ca.DM(goal))
+
+
+CLOSED_FORMS = {  # objective, start, half widths of the box, discs, answer, objective there
+    "circle": (to_point(5, 0), [[0, 0]], [[4, 2.2]], [[0, 0, 3]], [3, 0], 4),
+    "inside": (to_point(0.5, -0.5), [[0, 0]], [[4, 2.2]], [[0, 0, 3]], [0.5, -0.5], 0),
+    "edge on circle": (to_point(3, 4), [[0, 0]], [[4, 2.2]], [[0, 0, 3]], [4.16**0.5, 2.2], None),
+    "box": (to_point(0, 7), [[0, 0]], [[4, 2.2]], [[0, 0, 3]], [0, 2.2], 4.8**2),
+    "linear": (lambda x: 3 * x[0] - 4 * x[1], [[0, 0]], [[50, 50]], [[1, 2, 5]], [-2, 6], -30),
+    "between discs": (
+        lambda x: ca.sumsqr(x[:, 0] - x[:, 1]),
+        [[1, -9], [7, 7]],
+        [[50, 50], [50, 50]],
+        [[0, 0, 1], [3, 4, 2]],
+        [0.6, 0.8, 1.8, 2.4],
+        (5 - 3) ** 2,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CLOSED_FORMS)
+def test_projected_gradient_finds_closed_form(name: str) -> None:
+    objective, *numbers, nearest, value = CLOSED_FORMS[name]
+    start, box, discs = (np.array(each, float) for each in numbers)
+    solution = ProjectedGradient().solve(*planar(objective, start, -box, box, discs))[0]
     assert solution.status is Status.SOLVED
     np.testing.assert_allclose(solution.x, nearest, atol=1e-6)
+    assert value is None or solution.objective == pytest.approx(value, abs=1e-9)
     assert solution.residuals.stationarity < 1e-5
     assert solution.residuals.violation < 1e-12
-
-
-def test_projected_gradient_finds_distance_of_discs() -> None:
-    discs = np.array([[0.0, 0, 1], [3, 4, 2]])
-    wide = np.repeat(FAR, 2, axis=0)
-    start = np.array([[1.0, -9], [7, 7]])
-    nlp, instance = planar(lambda x: ca.sumsqr(x[:, 0] - x[:, 1]), start, -wide, wide, discs)
-    solution = ProjectedGradient().solve(nlp, instance)[0]
-    assert solution.status is Status.SOLVED
-    assert solution.objective == pytest.approx((5 - 3) ** 2)
-    np.testing.assert_allclose(solution.x, [0.6, 0.8, 1.8, 2.4], atol=1e-5)
-
-
-def test_projected_gradient_minimises_linear_objective_on_disc() -> None:
-    nlp, instance = planar(
-        lambda x: 3 * x[0] - 4 * x[1], np.zeros((1, 2)), -FAR, FAR, np.array([[1.0, 2, 5]])
-    )
-    solution = ProjectedGradient().solve(nlp, instance)[0]
-    np.testing.assert_allclose(solution.x, [1 - 3, 2 + 4], atol=1e-6)
 
 
 # --- the algorithm

@@ -62,11 +62,6 @@ class Study:
     faults: list[str] = field(default_factory=list)
 
 
-def command_of(number: int) -> str:
-    """Command of a study by its number."""
-    return list(STUDIES)[number % len(STUDIES)]
-
-
 @cache
 def undisturbed(command: str, folder: Path) -> dict[str, str]:
     """Tables of a study that nobody interrupts, by name."""
@@ -97,7 +92,7 @@ def tables(folder: Path, command: str) -> dict[str, str]:
 
 def killed_study(number: int, seed: int, most: int, folder: Path) -> Study:
     """A study that is killed at random, resumed, and compared with an undisturbed one."""
-    rng, study = Random(f"{seed}:kill:{number}"), Study(command_of(number))
+    rng, study = Random(f"{seed}:kill:{number}"), Study(list(STUDIES)[number % len(STUDIES)])
     out, expected = folder / f"kill-{number}", undisturbed(study.command, folder)
     for _ in range(min(most, rng.randint(1, MOST))):
         if not _killed(study, out, rng):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from random import Random
 from typing import Any
 
@@ -31,13 +31,10 @@ def mutated(data: Any, rng: Random) -> Any:
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         known = list(places(data))
         if known:
-            _change(data, rng.choice(known), rng)
+            place = rng.choice(known)
+            change = rng.choices(list(_CHANGES), list(_CHANGES.values()))[0]
+            change(data, *place, rng)
     return data
-
-
-def _change(data: Any, place: Place, rng: Random) -> None:
-    change = rng.choices(_CHANGES, _WEIGHTS)[0]
-    change(data, *place, rng)
 
 
 def _replace(data: Any, holder: Any, key: Any, rng: Random) -> None:  # noqa: ARG001
@@ -82,16 +79,8 @@ def _lengthen(data: Any, holder: Any, key: Any, rng: Random) -> None:  # noqa: A
         holder[key] = long_value(rng)
 
 
-_CHANGES: tuple[Callable[[Any, Any, Any, Random], None], ...] = (
-    _replace,
-    _scale,
-    _delete,
-    _rename,
-    _swap,
-    _wrap,
-    _lengthen,
-)
-_WEIGHTS = (5, 5, 2, 1, 1, 1, 1)
+_CHANGES = {_replace: 5, _scale: 5, _delete: 2, _rename: 1, _swap: 1, _wrap: 1, _lengthen: 1}
+"""Changes of an element, with how often each is drawn."""
 
 
 # --- scenarios
@@ -102,11 +91,9 @@ def mutated_scenario(data: dict[str, Any], rng: Random) -> dict[str, Any]:
     if rng.random() < 0.5:
         changed: dict[str, Any] = mutated(data, rng)
         return changed
-    data = copy.deepcopy(data)
+    data, changes = copy.deepcopy(data), (_coincide, _into_target, _in_other_units, _on_radar)
     for _ in range(rng.choice((1, 1, 2))):
-        rng.choice((_coincide, _into_target, _in_other_units, _on_radar, _extreme_limits))(
-            data, rng
-        )
+        rng.choice((*changes, _extreme_limits))(data, rng)
     return data
 
 
@@ -159,23 +146,15 @@ def _in_other_units(data: dict[str, Any], rng: Random) -> None:
 
 def _extreme_limits(data: dict[str, Any], rng: Random) -> None:
     """Make a limit or a rate tight, loose or absurd."""
-    table, key = rng.choice(
-        (
-            ("swarm", "v_max"),
-            ("swarm", "a_max"),
-            ("target", "radius"),
-            ("time", "dt"),
-            ("time", "t_f"),
-            ("hazard", "alpha_1"),
-            ("hazard", "alpha_2"),
-            ("hazard", "alpha_3"),
-            ("hazard", "core_radius"),
-            ("guide", "margin"),
-            ("guide", "a_max"),
-            ("formation", "rho"),
-        )
-    )
+    table, key = rng.choice(_LIMITS).split(".")
     data.setdefault(table, {})[key] = 10.0 ** rng.choice((-20, -9, -3, -1, 0, 1, 3, 9, 20))
+
+
+_LIMITS = (
+    *("swarm.v_max", "swarm.a_max", "target.radius", "time.dt", "time.t_f"),
+    *("hazard.alpha_1", "hazard.alpha_2", "hazard.alpha_3", "hazard.core_radius"),
+    *("guide.margin", "guide.a_max", "formation.rho"),
+)
 
 
 # --- files

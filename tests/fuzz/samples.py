@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import shutil
 import tomllib
 from functools import cache
 from importlib.resources import files
@@ -92,12 +91,6 @@ def make_study(folder: Path, command: str) -> int:
         path.unlink()
     (folder / f"{command}.expected").write_text(tables, encoding="utf-8")
     return 0
-
-
-def copied(source: Path, target: Path) -> Path:
-    """Copy of a folder, to be mutated."""
-    shutil.copytree(source, target)
-    return target
 
 
 def warm_up() -> None:

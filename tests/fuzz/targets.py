@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -83,7 +84,7 @@ def option(rng: Random, folder: Path, made: Path) -> int:
 def results(rng: Random, folder: Path, made: Path) -> int:
     """A results folder with a mutated file: drawn, or refused."""
     command = rng.choice(sorted(path.name for path in (made / "results").iterdir()))
-    saved = samples.copied(made / "results" / command, folder / "saved")
+    saved = Path(shutil.copytree(made / "results" / command, folder / "saved"))
     mutable = [path for path in saved.iterdir() if path.suffix in (".json", ".csv", ".npz")]
     mutate_file(rng.choice(sorted(mutable)), rng)
     if command == "simulate" and rng.random() < 0.15:
@@ -93,30 +94,27 @@ def results(rng: Random, folder: Path, made: Path) -> int:
 
 def record(rng: Random, folder: Path, made: Path) -> int:
     """A study with damaged records: resumed to the tables of an undisturbed one, or refused."""
-    command = rng.choice(samples.STUDIES)
-    saved = samples.copied(made / "studies" / command, folder / "study")
-    mutate_records(saved / "checkpoint", rng)
-    tables = _resumed(command, saved)
-    if isinstance(tables, int):
-        return tables
-    if tables != (made / f"{command}.expected").read_text(encoding="utf-8"):
-        raise AssertionError("the tables differ from those of an undisturbed study")
-    return ACCEPTED
+    return _resumed(rng, folder, made, lambda records: mutate_records(records, rng), equal=True)
 
 
 def cell(rng: Random, folder: Path, made: Path) -> int:
     """A study with a forged record, of odd arrays under their valid hash: no exception but ours."""
+
+    def forge(records: Path) -> None:
+        forge_record(rng.choice(sorted(records.glob("*.npz"))), rng)
+
+    return _resumed(rng, folder, made, forge, equal=False)
+
+
+def _resumed(
+    rng: Random, folder: Path, made: Path, change: Callable[[Path], None], equal: bool
+) -> int:
+    """Change the records of a study and resume it: to equal tables, or how it was refused."""
     command = rng.choice(samples.STUDIES)
-    saved = samples.copied(made / "studies" / command, folder / "study")
-    forge_record(rng.choice(sorted((saved / "checkpoint").glob("*.npz"))), rng)
-    tables = _resumed(command, saved)
-    return tables if isinstance(tables, int) else ACCEPTED
-
-
-def _resumed(command: str, saved: Path) -> int | str:
-    """Tables of a resumed study, or how it was refused."""
+    saved = Path(shutil.copytree(made / "studies" / command, folder / "study"))
+    change(saved / "checkpoint")
     try:
-        return samples.study(command, saved)
+        tables = samples.study(command, saved)
     except CasswarmError as error:
         print(ascii(str(error)))
         return REFUSED
@@ -125,6 +123,9 @@ def _resumed(command: str, saved: Path) -> int | str:
             raise
         print(ascii(str(error)))
         return FAILED
+    if equal and tables != (made / f"{command}.expected").read_text(encoding="utf-8"):
+        raise AssertionError("the tables differ from those of an undisturbed study")
+    return ACCEPTED
 
 
 Target = Callable[[Random, Path, Path], int]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 import tracemalloc
 from fractions import Fraction
 
@@ -123,11 +122,6 @@ def test_bounds_custom_hazard_has_zero_lower_bound() -> None:
     low, high = value.bounds(0, [0.0, 0.0])
     assert low == 0.0
     assert high == pytest.approx(plan(scenario).risk, rel=0.05)
-
-
-def test_value_function_pickles() -> None:
-    restored = pickle.loads(pickle.dumps(VALUE))
-    assert restored.bounds(0, [0.0, 0.0])[1] == VALUE.bounds(0, [0.0, 0.0])[1]
 
 
 def test_value_function_too_many_steps_reports_nodes() -> None:

@@ -8,59 +8,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from casadi_operations import BINARY, UNARY
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from casswarm.errors import HazardError
 from casswarm.hazard.codegen import lower, lower_source
-from casswarm.nlp.operations import OPERATIONS, operation_name
-
-# what leads to each operation, and the inputs that it is defined for
-UNARY: dict[int, tuple[Callable[[Any], Any], tuple[float, float]]] = {
-    ca.OP_NEG: (lambda x: -x, (-9, 9)),
-    ca.OP_SQ: (lambda x: x**2, (-9, 9)),
-    ca.OP_TWICE: (lambda x: x + x, (-9, 9)),
-    ca.OP_INV: (lambda x: 1 / x, (0.01, 9)),
-    ca.OP_NOT: (ca.logic_not, (-1, 1)),
-    ca.OP_SQRT: (ca.sqrt, (0, 9)),
-    ca.OP_EXP: (ca.exp, (-9, 9)),
-    ca.OP_LOG: (ca.log, (0.01, 9)),
-    ca.OP_EXPM1: (ca.expm1, (-9, 9)),
-    ca.OP_LOG1P: (ca.log1p, (-0.99, 9)),
-    ca.OP_FABS: (ca.fabs, (-9, 9)),
-    ca.OP_SIGN: (ca.sign, (-9, 9)),
-    ca.OP_FLOOR: (ca.floor, (-9, 9)),
-    ca.OP_CEIL: (ca.ceil, (-9, 9)),
-    ca.OP_SIN: (ca.sin, (-9, 9)),
-    ca.OP_COS: (ca.cos, (-9, 9)),
-    ca.OP_TAN: (ca.tan, (-1.5, 1.5)),
-    ca.OP_ATAN: (ca.atan, (-9, 9)),
-    ca.OP_SINH: (ca.sinh, (-9, 9)),
-    ca.OP_COSH: (ca.cosh, (-9, 9)),
-    ca.OP_TANH: (ca.tanh, (-9, 9)),
-    ca.OP_CONSTPOW: (lambda x: x**2.7, (0, 9)),
-}
-BINARY: dict[int, tuple[Callable[[Any, Any], Any], tuple[float, float]]] = {
-    ca.OP_ADD: (lambda x, y: x + y, (-9, 9)),
-    ca.OP_SUB: (lambda x, y: x - y, (-9, 9)),
-    ca.OP_MUL: (lambda x, y: x * y, (-9, 9)),
-    ca.OP_DIV: (lambda x, y: x / y, (0.01, 9)),
-    ca.OP_POW: (lambda x, y: x**y, (0.01, 9)),
-    ca.OP_LT: (lambda x, y: x < y, (-2, 2)),
-    ca.OP_LE: (lambda x, y: x <= y, (-2, 2)),
-    ca.OP_EQ: (lambda x, y: x == y, (-2, 2)),
-    ca.OP_NE: (lambda x, y: x != y, (-2, 2)),
-    ca.OP_AND: (ca.logic_and, (-1, 1)),
-    ca.OP_OR: (ca.logic_or, (-1, 1)),
-    ca.OP_FMIN: (ca.fmin, (-9, 9)),
-    ca.OP_FMAX: (ca.fmax, (-9, 9)),
-    ca.OP_ATAN2: (ca.atan2, (-9, 9)),
-    ca.OP_HYPOT: (ca.hypot, (-9, 9)),
-    ca.OP_IF_ELSE_ZERO: (lambda x, y: ca.if_else(x, y, 0), (-1, 1)),
-}
+from casswarm.nlp import operations
 
 
-def operations(kernel: Callable[..., Any], inputs: int) -> set[int]:
+def used(kernel: Callable[..., Any], inputs: int) -> set[int]:
     symbols = [ca.SX.sym(f"x{i}") for i in range(inputs)]
     function = ca.Function("kernel", symbols, [kernel(*symbols)])
     return {function.instruction_id(k) for k in range(function.n_instructions())}
@@ -85,32 +42,20 @@ def numbers(limits: tuple[float, float]) -> st.SearchStrategy[list[float]]:
 def test_all_operations_are_compared() -> None:
     # an assignment is nothing that an expression could ask for
     assert {*UNARY, *BINARY, ca.OP_ASSIGN} == {
-        code for code, each in OPERATIONS.items() if each.array
+        code for code, each in operations.OPERATIONS.items() if each.array
     }
 
 
-@pytest.mark.parametrize("operation", UNARY, ids=operation_name)
-def test_unary_operation_equals_casadi(operation: int) -> None:
-    kernel, limits = UNARY[operation]
-    assert operation in operations(kernel, 1)
+@pytest.mark.parametrize("operation", [*UNARY, *BINARY], ids=operations.operation_name)
+def test_operation_equals_casadi(operation: int) -> None:
+    kernel, limits = UNARY.get(operation) or BINARY[operation]
+    inputs = 1 if operation in UNARY else 2
+    assert operation in used(kernel, inputs)
 
     @settings(max_examples=15, deadline=None, derandomize=True)
-    @given(x=numbers(limits))
-    def check(x: list[float]) -> None:
-        compare(kernel, x)
-
-    check()
-
-
-@pytest.mark.parametrize("operation", BINARY, ids=operation_name)
-def test_binary_operation_equals_casadi(operation: int) -> None:
-    kernel, limits = BINARY[operation]
-    assert operation in operations(kernel, 2)
-
-    @settings(max_examples=15, deadline=None, derandomize=True)
-    @given(x=numbers(limits), y=numbers(limits))
-    def check(x: list[float], y: list[float]) -> None:
-        compare(kernel, x, y)
+    @given(points=st.tuples(*[numbers(limits)] * inputs))
+    def check(points: tuple[list[float], ...]) -> None:
+        compare(kernel, *points)
 
     check()
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import pickle
+import re
 from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
-from hazard_cases import symbolic
+from hazard_cases import Array, symbolic
+from refusals import refused
 
 from casswarm.errors import HazardError
 from casswarm.hazard import CustomHazard, Saturation, SaturationCollision
@@ -58,15 +59,6 @@ def tabulated(positions: Any, alive: Any, radars: Any, table: Any, label: str) -
     assert radars == RADARS
     assert table == ((1.0, 2.0), (3.0, 4.0))
     return table[1][0] + 0 * positions[:, 0]
-
-
-not_a_function = 3
-
-
-def message(action: Callable[..., object], *arguments: Any, **keywords: Any) -> str:
-    with pytest.raises(HazardError) as caught:
-        action(*arguments, **keywords)
-    return str(caught.value)
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +145,6 @@ def test_parameters_and_radars_arrive_as_tuples() -> None:
 
 def test_radars_are_passed_only_if_given() -> None:
     assert CustomHazard(height).radar_positions.shape == (0, 2)
-    assert "takes positions, alive, scale, not radars" in message(CustomHazard, height, RADARS)
 
 
 def test_custom_hazards_of_equal_arguments_are_equal() -> None:
@@ -165,91 +156,153 @@ def test_custom_hazards_of_equal_arguments_are_equal() -> None:
     assert one != Saturation(RADARS)
 
 
-def test_custom_hazards_pickle(own: CustomHazard) -> None:
-    other = pickle.loads(pickle.dumps(own))
-    assert other == own
-    assert hash(other) == hash(own)
-    np.testing.assert_array_equal(other.rates([[1, 2], [2, 2]]), own.rates([[1, 2], [2, 2]]))
-
-
 # --- errors
 
 
-def test_function_that_raises_is_named_with_message() -> None:
-    def broken(positions: Any, alive: Any) -> Any:  # noqa: ARG001
-        raise LookupError("no such radar")
-
-    text = message(CustomHazard, broken)
-    assert "broken' failed on 1 member with CasADi arguments: LookupError: no such radar" in text
+def broken(positions: Any, alive: Any) -> Any:  # noqa: ARG001
+    raise LookupError("no such radar")
 
 
-def test_keywords_that_the_function_does_not_take_are_named() -> None:
-    def rates(positions: Any, alive: Any, strength: float) -> Any:  # noqa: ARG001
-        return strength * alive
-
-    parameters = {"strength": 1.0, "alpha_1": 3.0}
-    text = message(lambda: CustomHazard(rates, radars=[(0, 0)], parameters=parameters))
-    assert "rates' takes positions, alive, strength, not alpha_1, radars: remove" in text
-    assert "hazard.parameters.alpha_1, hazard.radars from the scenario, where a template" in text
-    assert CustomHazard(lambda *_, **keywords: keywords["strength"] * _[1], (), parameters)
+def scaled(positions: Any, alive: Any, strength: float) -> Any:  # noqa: ARG001
+    return strength * alive
 
 
-def test_function_not_callable_is_refused() -> None:
-    assert message(CustomHazard, 3) == "3 is not a function of (positions, alive)"
+def pair(positions: Any, alive: Any) -> Any:
+    return alive * (positions[1, 0] if positions.shape[0] == 1 else 1.0)
 
 
-def test_function_of_fixed_size_is_refused_at_once() -> None:
-    def pair(positions: Any, alive: Any) -> Any:
-        return alive * (positions[1, 0] if positions.shape[0] == 1 else 1.0)
+UNKNOWN = {"value": ["alpha_1", "radars"], "expected": ["positions", "alive", "strength"]}
+REFUSED: list[tuple[tuple[Any, ...], str, dict[str, Any]]] = [
+    (
+        (broken,),
+        "broken' failed on 1 member with CasADi arguments: LookupError: no such radar",
+        {"hazard": "hazard 'broken'", "members": 1},
+    ),
+    (
+        (scaled, [(0, 0)], {"strength": 1.0, "alpha_1": 3.0}),
+        "scaled' takes positions, alive, strength, not alpha_1, radars: remove "
+        "hazard.parameters.alpha_1, hazard.radars from the scenario, where a template",
+        UNKNOWN,
+    ),
+    ((height, RADARS), "takes positions, alive, scale, not radars", {}),
+    ((3,), "3 is not a function of (positions, alive)", {"function": "3"}),
+    ((pair,), "failed on 1 member", {"members": 1}),
+    ((height, (1.0, 2.0)), "radars have shape (2,); expected (k, 2)", {"key": "radars"}),
+    ((height, ((1.0, np.inf),)), "radars must be finite", {"key": "radars"}),
+    ((height, "here"), "radars are 'here'; expected k pairs (x, y) of numbers", {}),
+]
 
-    assert "failed on 1 member" in message(CustomHazard, pair)
+
+@pytest.mark.parametrize(("arguments", "words", "values"), REFUSED)
+def test_wrong_arguments_are_explained(
+    arguments: tuple[Any, ...], words: str, values: dict[str, Any]
+) -> None:
+    error = refused(HazardError, CustomHazard, *arguments)
+    assert words in str(error)
+    assert {key: getattr(error, key) for key in values} == values
+
+
+@pytest.mark.parametrize("value", [{1, 2}, ca.DM([1, 2]), [bytearray()]])
+def test_unhashable_parameter_is_named(value: object) -> None:
+    text = str(refused(HazardError, CustomHazard, height, (), {"scale": value}))
+    assert text.startswith("parameter 'scale' is ")
+    assert text.endswith("; allowed: numbers, texts, lists of these")
 
 
 @pytest.mark.parametrize(
-    ("returned", "words"),
+    ("returned", "words", "shape"),
     [
-        (lambda x: x, "returned shape (1, 2) for 1 member; expected (1, 1)"),
-        (lambda x: ca.sum1(x[:, 0]), "returned shape (1, 1) for 2 members; expected (2, 1)"),
-        (lambda x: 0.5, "returned shape (1, 1) for 2 members; expected (2, 1)"),  # noqa: ARG005
-        (lambda x: None, "returned None, a NoneType; expected a CasADi expression"),  # noqa: ARG005
-        (lambda x: "much", "returned 'much', a str; expected a CasADi expression"),  # noqa: ARG005
+        (lambda x: x, "returned shape (1, 2) for 1 member; expected (1, 1)", (1, 2)),
+        (lambda x: ca.sum1(x[:, 0]), "shape (1, 1) for 2 members; expected (2, 1)", (1, 1)),
+        (lambda _: 0.5, "returned shape (1, 1) for 2 members; expected (2, 1)", (1, 1)),
+        (lambda _: None, "returned None, a NoneType; expected a CasADi expression", None),
+        (lambda _: "much", "returned 'much', a str; expected a CasADi expression", None),
     ],
 )
-def test_wrong_return_value_is_shown(returned: Callable[[Any], Any], words: str) -> None:
+def test_wrong_return_value_is_shown(
+    returned: Callable[[Any], Any], words: str, shape: tuple[int, int] | None
+) -> None:
     def mine(positions: Any, alive: Any) -> Any:  # noqa: ARG001
         return returned(positions)
 
-    text = message(CustomHazard, mine)
-    assert text.startswith("hazard ")
-    assert "mine' " in text
-    assert words in text
-    assert "\n" not in text
+    error = refused(HazardError, CustomHazard, mine)
+    assert str(error).startswith("hazard ")
+    assert "mine' " in str(error)
+    assert words in str(error)
+    assert "\n" not in str(error)
+    if shape is not None:
+        members = 2 if "2 members" in words else 1
+        assert (error.members, error.shape, error.expected) == (members, shape, (members, 1))
+
+
+def test_function_with_any_keywords_is_taken() -> None:
+    parameters = {"strength": 1.0, "alpha_1": 3.0}
+    assert CustomHazard(lambda *_, **keywords: keywords["strength"] * _[1], (), parameters)
 
 
 @pytest.mark.parametrize(("function", "value"), [(height, "-2"), (root, "nan")])
 def test_invalid_rate_names_the_member(function: Callable[..., Any], value: str) -> None:
     hazard = CustomHazard(function)
-    text = message(hazard.rates, [[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]])
-    assert f"gives the rate {value}" in text
-    assert "for member 1 at (3.5, -2); rates must be finite and not negative" in text
+    error = refused(HazardError, hazard.rates, [[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]])
+    assert f"gives the rate {value}" in str(error)
+    assert "for member 1 at (3.5, -2); rates must be finite and not negative" in str(error)
+    assert (error.hazard, error.state) == (f"hazard {function.__name__!r}", 1)
+    assert (error.member, error.position) == (1, (3.5, -2.0))
+    np.testing.assert_equal(error.rate, float(value))
     alive = [[True, True], [True, False]]  # of the destroyed, nobody asks
     assert hazard.rates([[[0, 1], [3, 1]], [[0, 1], [3.5, -2]]], alive)[1].tolist() == [1, 0]
 
 
+# --- lower bounds over boxes, and the check of them
+
+
+def ramp(positions: ca.MX, alive: ca.MX) -> ca.MX:  # noqa: ARG001
+    return 1 + positions[:, 0] ** 2
+
+
+def dip(positions: ca.MX, alive: ca.MX) -> ca.MX:  # noqa: ARG001
+    return 2 - ca.exp(-(((positions[:, 0] - 0.3) / 0.2) ** 2))
+
+
+def at_centre(lower: Array, upper: Array) -> Array:
+    return np.asarray(1 + (0.5 * (lower + upper))[..., 0] ** 2)
+
+
+def at_corners_and_centre(lower: Array, upper: Array) -> Array:
+    x = np.stack([lower, upper, 0.5 * (lower + upper)])[..., 0]
+    return np.asarray((2 - np.exp(-(((x - 0.3) / 0.2) ** 2))).min(axis=0))
+
+
 @pytest.mark.parametrize(
-    ("radars", "words"),
+    ("rate", "bound", "where"),
     [
-        ((1.0, 2.0), "radars have shape (2,); expected (k, 2)"),
-        (((1.0, np.inf),), "radars must be finite"),
-        ("here", "radars are 'here'; expected k pairs (x, y) of numbers"),
+        (ramp, at_centre, r"it is 1\.25 for the box from \(0, 0\) to \(1, 1\), where .* is 1$"),
+        (dip, at_corners_and_centre, r"it is 1\.63212 for the box from \(0, 0\) to \(1, 1\)"),
     ],
 )
-def test_wrong_radars_are_shown(radars: Any, words: str) -> None:
-    assert words in message(CustomHazard, height, radars)
+@pytest.mark.parametrize("count", [1, 500])
+def test_lower_bound_above_rate_in_a_box_raises(
+    rate: Callable[..., Any], bound: Callable[..., Array], where: str, count: int
+) -> None:
+    hazard = CustomHazard(rate, lower_bound=bound)
+    lower, upper = np.zeros((count, 2)), np.ones((count, 2))
+    error = refused(HazardError, hazard.single_agent_lower_bound, lower, upper)
+    assert re.search(where, str(error))
+    assert error.bound > error.rate
+    assert rate(ca.DM([error.position]), None)[0] == pytest.approx(error.rate)
 
 
-@pytest.mark.parametrize("value", [{1, 2}, ca.DM([1, 2]), [bytearray()]])
-def test_unhashable_parameter_is_named(value: object) -> None:
-    text = message(CustomHazard, height, (), {"scale": value})
-    assert text.startswith("parameter 'scale' is ")
-    assert text.endswith("; allowed: numbers, texts, lists of these")
+def test_lower_bound_of_nan_raises() -> None:
+    def undefined(lower: Array, upper: Array) -> Array:  # noqa: ARG001
+        return np.where(lower[..., 0] == 7, np.nan, 0.0)
+
+    lower = np.arange(900.0)[:, None] + np.zeros(2)
+    hazard = CustomHazard(ramp, lower_bound=undefined)
+    with pytest.raises(HazardError, match=r"it is nan for the box from \(7, 7\) to \(8, 8\)"):
+        hazard.single_agent_lower_bound(lower, lower + 1)
+
+
+def test_lower_bound_below_rates_is_returned() -> None:
+    hazard = CustomHazard(ramp, lower_bound=lambda lower, upper: 1 + 0 * (lower + upper)[..., 0])
+    lower = np.linspace(0, 1, 600).reshape(30, 10, 2)
+    assert hazard.single_agent_lower_bound(lower, lower + 1).shape == (30, 10)

@@ -1,4 +1,4 @@
-"""The paper's rates: their values, their derivatives, and what must not change them."""
+"""The paper's rates: values, derivatives, what must not change them, and their compiled form."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import pytest
 from hazard_cases import Array, State, by_loops, states, symbolic
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_scenarios import patrolled
 
-from casswarm import HazardError
+import casswarm as csw
 from casswarm._util.numbers import CORE_RADIUS
-from casswarm.hazard import Hazard, Saturation, SaturationCollision, regular
+from casswarm.hazard import Hazard, Saturation, SaturationCollision, compiled_rates, regular
 from casswarm.hazard.codegen import differentiated_kernels
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
@@ -105,12 +106,6 @@ def test_rates_within_core_radius_equal_expression(kind: type[Saturation]) -> No
     rates = ca.Function("rates", [x], [hazard.expression(x, ca.DM.ones(1, 3))])(positions.T)
     np.testing.assert_allclose(hazard.rates(positions), np.asarray(rates)[0], rtol=1e-13)
     assert (hazard.rates(positions) < 0.5 * kind(RADARS).rates(positions)).all()
-
-
-@pytest.mark.parametrize("radius", [0.0, -1.0, np.inf, "wide"])
-def test_core_radius_out_of_range_raises(radius: Any) -> None:
-    with pytest.raises(HazardError, match=r"core_radius = .*; allowed: a finite number"):
-        Saturation(((1, 2),), core_radius=radius)
 
 
 def test_regularised_distances_are_smooth_and_positive() -> None:
@@ -284,3 +279,58 @@ def test_rates_of_batch_equal_single_states(
         for start in range(0, 23, size):
             part = slice(start, start + size)
             np.testing.assert_array_equal(hazard.rates(states[part], alive[part]), singles[part])
+
+
+# --- compiled rates
+
+
+NEAR = [(1.0, 0.5), (-0.5, 2.0), (0.0, 0.0)]
+
+
+class Foggy(csw.Saturation):
+    """Rates that decay as an exponential."""
+
+    def source(self, squared_distance: Any) -> Any:
+        import casadi as ca
+
+        return ca.exp(-squared_distance)
+
+
+HAZARDS = [
+    csw.Saturation(NEAR),
+    csw.Saturation(NEAR, strengths=(1.0, 0.2, 3.0), alpha_1=0.7, alpha_2=0.0),
+    csw.SaturationCollision(NEAR[:1]),
+    Foggy(NEAR),
+]
+
+
+def rates(hazard: csw.Hazard, positions: Any, alive: Any) -> Any:
+    compiled = compiled_rates(hazard, alive.shape[1])
+    assert compiled is not None
+    found = np.full(alive.shape, np.nan)
+    assert compiled(positions, alive, found)
+    return found
+
+
+@pytest.mark.parametrize("hazard", HAZARDS, ids=lambda hazard: type(hazard).__name__)
+@given(seed=st.integers(0, 2**32), n=st.integers(1, 7), batch=st.sampled_from([1, 5, 64, 67]))
+def test_compiled_rates_equal_rates(hazard: csw.Hazard, seed: int, n: int, batch: int) -> None:
+    rng = np.random.default_rng(seed)
+    alive = rng.random((batch, n)) < 0.7
+    positions = np.where(alive[..., None], rng.normal(size=(batch, n, 2)), 0.0)
+    found = rates(hazard, positions, alive)
+    np.testing.assert_allclose(found, hazard.rates(positions, alive), rtol=1e-12)
+    assert not found[~alive].any()
+
+
+def test_compiled_rates_do_not_depend_on_the_states_beside() -> None:
+    rng = np.random.default_rng(0)
+    positions, alive = rng.normal(size=(20, 5, 2)), rng.random((20, 5)) < 0.8
+    together = rates(HAZARDS[0], positions, alive)
+    for k in range(20):
+        alone = rates(HAZARDS[0], positions[k : k + 1].copy(), alive[k : k + 1].copy())
+        np.testing.assert_array_equal(together[k], alone[0])
+
+
+def test_compiled_rates_of_custom_hazard_are_none() -> None:
+    assert compiled_rates(csw.CustomHazard(patrolled), 3) is None

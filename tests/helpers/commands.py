@@ -15,6 +15,21 @@ PNG = b"\x89PNG\r\n\x1a\n"  # first bytes of a PNG file
 _TIMEOUT = 300  # seconds
 
 
+def python(*arguments, code=0, folder=None, timeout=_TIMEOUT, **environment):
+    """Run Python in a process of its own, check its exit code (any if None), and return it."""
+    done = subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=folder,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+    assert code is None or done.returncode == code, f"{done.stdout}\n{done.stderr}"
+    return done
+
+
 def casswarm(folder, *arguments, code=0, failing=()):
     """Run a command in a folder, check its exit code, and return what it printed.
 

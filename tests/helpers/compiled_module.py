@@ -1,8 +1,6 @@
 """A generated module, and its use in a process of its own."""
 
-import os
-import subprocess
-import sys
+from commands import python
 
 TEXT = """
 @objective
@@ -27,11 +25,5 @@ def run_compiled(cache, before="", **environment):
         "assert module.call(module.square, np.array([2.0])) == 4.0\n"
         "print(sum(module.call.stats.cache_hits.values()), module.square.cache_hits)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        env=os.environ | {"CASSWARM_CACHE": str(cache)} | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = python("-W", "error", "-c", code, CASSWARM_CACHE=str(cache), **environment)
     return done.stdout.strip(), done.stderr

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from small_scenarios import DT, three_members
 
 from casswarm import Guide, OutcomeDistribution, Residuals, Solution, Status
@@ -40,23 +42,25 @@ def trajectory(steps: int = 3) -> RunTrajectory:
 
 RUN = trajectory()
 
-SUMMARY = pd.DataFrame(
-    {
-        "policy": ["naive", "leader"],
-        "runs": [10, 10],
-        "success": [0.3, 0.7],
-        "success_low": [0.2, 0.6],
-        "success_high": [0.4, 0.8],
-    }
+
+def table(**columns: object) -> pd.DataFrame:
+    """Table with these columns."""
+    return pd.DataFrame(columns)
+
+
+SUMMARY = table(
+    policy=["naive", "leader"],
+    runs=[10, 10],
+    success=[0.3, 0.7],
+    success_low=[0.2, 0.6],
+    success_high=[0.4, 0.8],
 )
-PAIRED = pd.DataFrame(
-    {
-        "first": ["naive"],
-        "second": ["leader"],
-        "difference": [-0.4],
-        "difference_low": [-0.5],
-        "difference_high": [-0.2],
-    }
+PAIRED = table(
+    first=["naive"],
+    second=["leader"],
+    difference=[-0.4],
+    difference_low=[-0.5],
+    difference_high=[-0.2],
 )
 
 
@@ -88,23 +92,16 @@ DISTRIBUTIONS = [distribution("naive", (0.1, 0.2)), distribution("leader", (0.3,
 
 def sweep_table() -> pd.DataFrame:
     """Two policies at four sweep points each, one of which failed."""
-    rows = []
-    for policy, base in (("naive", 0.1), ("leader", 0.5)):
-        for number, (n, rho) in enumerate(((1, 0.1), (1, 0.2), (3, 0.1), (3, 0.2))):
-            failed = policy == "leader" and number == 3
-            success = np.nan if failed else base + 0.1 * number
-            rows.append(
-                {
-                    "n": n,
-                    "rho": rho,
-                    "policy": policy,
-                    "success": success,
-                    "success_low": success - 0.05,
-                    "success_high": success + 0.05,
-                    "status": "failed" if failed else "ok",
-                }
-            )
-    return pd.DataFrame(rows)
+    points = [(1, 0.1), (1, 0.2), (3, 0.1), (3, 0.2)]
+    found = pd.DataFrame(points * 2, columns=["n", "rho"])
+    success = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, np.nan])
+    return found.assign(
+        policy=["naive"] * 4 + ["leader"] * 4,
+        success=success,
+        success_low=success - 0.05,
+        success_high=success + 0.05,
+        status=["ok"] * 7 + ["failed"],
+    )
 
 
 def assert_fits(fig: Figure, name: str) -> None:
@@ -118,3 +115,14 @@ def assert_fits(fig: Figure, name: str) -> None:
     assert box.x1 < width + 0.02
     assert box.y0 > -0.02
     assert box.y1 < height + 0.02
+
+
+def legend_of(fig: Figure) -> list[str]:
+    """Entries of the legends of a figure and of its panels."""
+    legends = [*fig.legends, *(a.get_legend() for a in fig.axes if a.get_legend())]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+def markers(axes: Axes, marker: str) -> list[Line2D]:
+    """Lines of a panel that are drawn with a marker."""
+    return [line for line in axes.get_lines() if line.get_marker() == marker]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -35,6 +35,21 @@ class Known:
     traits: str = ""
 
 
+def instances(
+    x0: Any,
+    p: Any = (),
+    *,
+    lbx: Any = -INF,
+    ubx: Any = INF,
+    lbg: Any = (),
+    ubg: Any = (),
+) -> Instances:
+    """Instances from guesses (B, n); bounds may be numbers for all of x, or rows for all of B."""
+    x0 = np.atleast_2d(np.asarray(x0, float))
+    lower, upper = (np.broadcast_to(bound, x0.shape) for bound in (lbx, ubx))
+    return Instances(x0, *map(np.atleast_1d, (p, lower, upper, lbg, ubg)))
+
+
 def known(
     name: str,
     objective: Callable[[Any], Any],
@@ -51,14 +66,8 @@ def known(
     x, n, rows = ca.MX.sym("x", len(start)), len(start), rows or {}
     constraints = {row: function(x) for row, (function, _, _) in rows.items()}
     lower, upper = box or ([-INF] * n, [INF] * n)
-    instance = Instances(
-        x0=np.array([start], float),
-        p=np.empty((1, 0)),
-        lbx=np.array([lower], float),
-        ubx=np.array([upper], float),
-        lbg=np.array([[low for _, low, _ in rows.values()]], float),
-        ubg=np.array([[high for _, _, high in rows.values()]], float),
-    )
+    lbg, ubg = ([row[side] for row in rows.values()] for side in (1, 2))
+    instance = instances(start, lbx=lower, ubx=upper, lbg=lbg, ubg=ubg)
     return Known(
         Nlp(name, {"x": x}, {}, objective(x), constraints),
         instance,
@@ -87,10 +96,7 @@ def nearest_in_box(points: Array) -> tuple[Nlp, Instances]:
     """B instances: the point of [-1, 1]^2 nearest to points (B, 2), which is a clip."""
     x, goal = ca.MX.sym("x", 2, 1), ca.MX.sym("goal", 2)
     nlp = Nlp("nearest in box", {"x": x}, {"goal": goal}, ca.sumsqr(x - goal), {})
-    batch = len(points)
-    box = np.ones((batch, 2))
-    none = np.empty((batch, 0))
-    return nlp, Instances(np.zeros((batch, 2)), points, -box, box, none, none)
+    return nlp, instances(np.zeros_like(points), points, lbx=-1.0, ubx=1.0)
 
 
 def planar(
@@ -100,14 +106,7 @@ def planar(
     n, radii = len(start), discs[:, 2]
     x, centers = ca.MX.sym("x", 2, n), ca.DM(discs[:, :2].T)
     nlp = Nlp("planar", {"x": x}, {}, objective(x), {"discs": ca.sum1((x - centers) ** 2)})
-    return nlp, Instances(
-        x0=start.reshape(1, -1),
-        p=np.empty((1, 0)),
-        lbx=lower.reshape(1, -1),
-        ubx=upper.reshape(1, -1),
-        lbg=np.full((1, n), -INF),
-        ubg=radii[None] ** 2,
-        feasible_set=PlanarSets(
-            lower[None], upper[None], discs[None, :, None, :2], discs[None, :, None, 2]
-        ),
-    )
+    box = {"lbx": lower.ravel(), "ubx": upper.ravel()}
+    one = instances(start.ravel(), **box, lbg=np.full(n, -INF), ubg=radii**2)
+    sets = PlanarSets(lower[None], upper[None], discs[None, :, None, :2], discs[None, :, None, 2])
+    return nlp, replace(one, feasible_set=sets)

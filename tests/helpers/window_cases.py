@@ -17,7 +17,13 @@ GOAL = np.array([1.0, 1.0])
 
 
 def window(
-    batch: int, n: int, horizon: int, seed: int, spread: float = 0.3, deaths: float = 0.3
+    batch: int,
+    n: int,
+    horizon: int,
+    seed: int,
+    spread: float = 0.3,
+    deaths: float = 0.3,
+    hazard: Saturation = HAZARD,
 ) -> Step:
     """States of members along a curved guide, some of them destroyed."""
     rng = np.random.default_rng(seed)
@@ -29,7 +35,7 @@ def window(
     pace = 1.4 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     goals = GOAL + DT * np.concatenate([np.zeros((1, 2)), np.cumsum(pace[1:], axis=0)])
     living = alive[..., None]
-    return Step(HAZARD, MOTION, positions * living, previous_velocities * living, alive, goals)
+    return Step(hazard, MOTION, positions * living, previous_velocities * living, alive, goals)
 
 
 def leaders_of(data: Step) -> NDArray[np.intp]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -40,16 +38,6 @@ def test_hessian_matches_automatic_differentiation(
     assert np.abs(expected).max() > 1e-3
     found = np.array(nlp.attached(LagrangianHessian)(*arguments))
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11)
-
-
-def test_hessian_pickles_with_program() -> None:
-    scenario = csw.load_scenario("paper-1").with_values(SETTINGS)
-    form = JointForm(3, scenario.n_steps)
-    nlp = joint_nlp(scenario.hazard, form)
-    arguments = (*point(scenario, form), 1.0, np.ones(nlp.g.shape[0]))
-    restored = pickle.loads(pickle.dumps(nlp))
-    hessians = (each.attached(LagrangianHessian) for each in (restored, nlp))
-    np.testing.assert_array_equal(*(np.array(hessian(*arguments)) for hessian in hessians))
 
 
 def test_hessian_of_large_swarm_or_mean_field_is_none() -> None:

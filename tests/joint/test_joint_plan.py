@@ -166,13 +166,6 @@ def test_mean_field_single_member_is_exact():
     assert odds[0] == pytest.approx(odds[1], rel=1e-9)
 
 
-def test_joint_nlp_pickles():
-    nlp = joint_nlp(abreast(2).hazard, JointForm(2, 8))
-    restored = pickle.loads(pickle.dumps(nlp))
-    x, p = np.full(nlp.sizes[0], 0.3), np.full(nlp.sizes[1], 0.5)
-    assert float(restored.evaluate(x, p)[0]) == float(nlp.evaluate(x, p)[0])
-
-
 # --- the search
 
 

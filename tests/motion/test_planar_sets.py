@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -73,25 +69,6 @@ def test_emptiness_equals_nested_search() -> None:
     assert not sets.is_empty[~clear].any()  # touching, on the grid, in exact numbers
 
 
-def test_projection_equals_ipopt(cases: Case) -> None:
-    x, p, discs = ca.MX.sym("x", 2), ca.MX.sym("p", 2), ca.MX.sym("discs", 6)
-    inside = [ca.sumsqr(x - discs[3 * k : 3 * k + 2]) - discs[3 * k + 2] ** 2 for k in range(2)]
-    problem = {"x": x, "p": ca.vertcat(p, discs), "f": ca.sumsqr(x - p), "g": ca.vertcat(*inside)}
-    options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-11}}
-    options["ipopt"]["bound_relax_factor"] = 0.0
-    solver = ca.nlpsol("solver", "ipopt", problem, options)
-    sets, points = cases  # the first are in general position
-    for i in range(40):
-        table = np.column_stack([sets.centers[i], sets.radii[i]]).ravel()
-        given = np.concatenate([points[i], table])
-        box = {"lbx": sets.lower[i], "ubx": sets.upper[i]}
-        answer = solver(x0=sets.centers[i].mean(axis=0), p=given, ubg=0.0, lbg=-INF, **box)
-        assert solver.stats()["success"]
-        np.testing.assert_allclose(
-            np.asarray(answer["x"]).ravel(), sets[i].project(points[i]), atol=2e-5
-        )
-
-
 def with_interior(sets: PlanarSets, margin: float) -> NDArray[np.bool_]:
     """Which sets stay non-empty when all their constraints are tightened by a margin."""
     thick = (sets.upper - sets.lower > 2 * margin).all(axis=-1) & (sets.radii > margin).all(axis=-1)
@@ -137,12 +114,6 @@ def test_projection_holds_box_exactly_and_discs_up_to_rounding(cases: Case) -> N
         assert (scaled.violation(nearest) <= ROUNDING * scale(scaled, nearest)).all()
 
 
-def test_projection_is_idempotent(cases: Case) -> None:
-    sets, points = cases
-    nearest = sets.project(points)
-    np.testing.assert_array_equal(sets.project(nearest), nearest)
-
-
 def test_projection_is_nonexpansive(cases: Case) -> None:
     sets, points = cases
     rng = np.random.default_rng(11)
@@ -152,11 +123,12 @@ def test_projection_is_nonexpansive(cases: Case) -> None:
         assert (moved - np.hypot(*(points - other).T)).max() < 1e-7
 
 
-def test_points_inside_stay(cases: Case) -> None:
+def test_points_inside_and_nearest_points_stay(cases: Case) -> None:
     sets, points = cases
-    inside = sets.violation(points) <= 0.0
+    nearest, inside = sets.project(points), sets.violation(points) <= 0.0
     assert inside.any()
-    np.testing.assert_array_equal(sets.project(points)[inside], points[inside])
+    np.testing.assert_array_equal(nearest[inside], points[inside])
+    np.testing.assert_array_equal(sets.project(nearest), nearest)
 
 
 # --- Equivariance. Eighths make every shift exact, so tangency survives it. ---
@@ -177,55 +149,32 @@ def scenes(draw: st.DrawFn) -> Case:
     )
 
 
-def assert_moves_along(
-    sets: PlanarSets,
-    point: Array,
-    moved: PlanarSets,
-    there: Array,
-    back: Callable[[Array], Array] = lambda x: x,
+@pytest.mark.parametrize("move", ["translation", "quarter turn", "power of four", "order of discs"])
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(scene=scenes(), by=pairs, power=st.integers(-200, 200))
+def test_projection_commutes_with(
+    move: str, scene: Case, by: tuple[float, float], power: int
 ) -> None:
+    (sets, point), shift, order, tolerance = scene, np.zeros(2), 1, 1e-6
+    turn, factor = np.eye(2), 1.0
+    if move == "translation":
+        shift = np.array(by)
+    elif move == "quarter turn":
+        turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    elif move == "power of four":
+        factor, tolerance = 4.0**power, 0.0  # exact even under the square root
+    else:
+        order = -1
+    edges = factor * sets.lower @ turn + shift, factor * sets.upper @ turn + shift
+    centers = (factor * sets.centers @ turn + shift)[::order]
+    moved = PlanarSets(
+        np.minimum(*edges), np.maximum(*edges), centers, factor * sets.radii[::order]
+    )
     assert sets.is_empty == moved.is_empty
     if not sets.is_empty:
-        np.testing.assert_allclose(back(moved.project(there)), sets.project(point), atol=1e-6)
-
-
-@settings(max_examples=300, deadline=None, derandomize=True)
-@given(scenes(), pairs)
-def test_projection_commutes_with_translation(scene: Case, by: tuple[float, float]) -> None:
-    sets, point = scene
-    moved = PlanarSets(sets.lower + by, sets.upper + by, sets.centers + by, sets.radii)
-    assert_moves_along(sets, point, moved, point + by, lambda x: x - by)
-
-
-@settings(max_examples=300, deadline=None, derandomize=True)
-@given(scenes())
-def test_projection_commutes_with_quarter_turn(scene: Case) -> None:
-    def turn(a: Array) -> Array:
-        return np.stack([-a[..., 1], a[..., 0]], axis=-1)
-
-    sets, point = scene
-    low, high = turn(sets.lower), turn(sets.upper)
-    moved = PlanarSets(np.minimum(low, high), np.maximum(low, high), turn(sets.centers), sets.radii)
-    assert_moves_along(sets, point, moved, turn(point), lambda x: -turn(x))
-
-
-@settings(max_examples=300, deadline=None, derandomize=True)
-@given(scenes(), st.integers(-200, 200))
-def test_projection_commutes_exactly_with_powers_of_four(scene: Case, power: int) -> None:
-    sets, point = scene
-    f = 4.0**power  # exact even under the square root
-    moved = PlanarSets(f * sets.lower, f * sets.upper, f * sets.centers, f * sets.radii)
-    assert sets.is_empty == moved.is_empty
-    if not sets.is_empty:
-        np.testing.assert_array_equal(moved.project(f * point), f * sets.project(point))
-
-
-@settings(max_examples=300, deadline=None, derandomize=True)
-@given(scenes())
-def test_order_of_discs_does_not_matter(scene: Case) -> None:
-    sets, point = scene
-    swapped = replace(sets, centers=sets.centers[::-1], radii=sets.radii[::-1])
-    assert_moves_along(sets, point, swapped, point)
+        there = moved.project(factor * point @ turn + shift)
+        back = (there - shift) @ turn.T / factor
+        np.testing.assert_allclose(back, sets.project(point), atol=tolerance, rtol=tolerance / 10)
 
 
 @pytest.mark.parametrize("discs", [0, 1, 2])
@@ -246,22 +195,33 @@ def test_compiled_projection_equals_python(discs: int) -> None:
 # --- Emptiness by exact reasoning. ---
 
 
-def test_emptiness_of_two_discs_follows_their_gap() -> None:
-    rng = np.random.default_rng(12)
-    count = 5_000
-    angle, radii = rng.uniform(0, 2 * np.pi, count), rng.exponential(size=(count, 2))
-    gap = rng.choice([-1, 1], count) * 10.0 ** rng.uniform(-12, 0, count)
-    gap = np.maximum(gap, -radii.min(axis=1))
-    first = rng.normal(size=(count, 2))
+def two_discs(
+    rng: np.random.Generator, radii: Array, gap: Array | float, size: Array | float = 1.0
+) -> tuple[PlanarSets, Array]:
+    """Pairs of discs at random that are so far apart, and where the first ones are nearest."""
+    angle = rng.uniform(0, 2 * np.pi, len(radii))
     towards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    first = size * rng.normal(size=(len(radii), 2))
     second = first + (radii.sum(axis=1) + gap)[:, None] * towards
     sets = PlanarSets(*PLANE, np.stack([first, second], axis=1), radii)
-    np.testing.assert_array_equal(sets.is_empty, gap > 0)
+    return sets, first + radii[:, :1] * towards
+
+
+def signed_gaps(rng: np.random.Generator, count: int, low: float, high: float) -> Array:
+    """Distances between 10^low and 10^high, and as many overlaps."""
+    return np.asarray(rng.choice([-1, 1], count) * 10.0 ** rng.uniform(low, high, count))
+
+
+def test_emptiness_of_two_discs_follows_their_gap() -> None:
+    rng = np.random.default_rng(12)
+    radii = rng.exponential(size=(5_000, 2))
+    gap = np.maximum(signed_gaps(rng, 5_000, -12, 0), -radii.min(axis=1))
+    np.testing.assert_array_equal(two_discs(rng, radii, gap)[0].is_empty, gap > 0)
 
 
 def test_disc_outside_box_is_empty() -> None:
     rng = np.random.default_rng(13)
-    gap = rng.choice([-1, 1], 5_000) * 10.0 ** rng.uniform(-12, -1, 5_000)
+    gap = signed_gaps(rng, 5_000, -12, -1)
     angle = rng.uniform(0, np.pi / 2, 5_000)  # off the corner (1, 1)
     center = 1 + (0.5 + gap)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     sets = PlanarSets(-np.ones(2), np.ones(2), center[:, None], np.full(1, 0.5))
@@ -320,19 +280,10 @@ def test_projection_equals_known_answer(
 
 def test_tangent_discs_meet_where_they_touch() -> None:
     rng = np.random.default_rng(14)
-    count = 5_000
-    factor = 10.0 ** rng.uniform(-8, 8, count)
-    angle, radii = (
-        rng.uniform(0, 2 * np.pi, count),
-        factor[:, None] * rng.exponential(size=(count, 2)),
-    )
-    towards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    first = factor[:, None] * rng.normal(size=(count, 2))
-    second = first + radii.sum(axis=1, keepdims=True) * towards
-    sets = PlanarSets(*PLANE, np.stack([first, second], axis=1), radii)
+    factor = 10.0 ** rng.uniform(-8, 8, (5_000, 1))
+    sets, touch = two_discs(rng, factor * rng.exponential(size=(5_000, 2)), 0.0, factor)
     assert not sets.is_empty.any()
-    nearest = sets.project(factor[:, None] * rng.normal(size=(count, 2)))
-    touch = first + radii[:, :1] * towards
+    nearest = sets.project(factor * rng.normal(size=(5_000, 2)))
     # Ill-conditioned: a change e of the data moves the point by order sqrt(e).
     assert (np.abs(nearest - touch).max(axis=1) / scale(sets, touch)).max() < 1e-6
     assert (sets.violation(nearest) <= ROUNDING * scale(sets, nearest)).all()
@@ -340,13 +291,8 @@ def test_tangent_discs_meet_where_they_touch() -> None:
 
 def test_projection_onto_sliver_of_rounding_width_exists() -> None:
     rng = np.random.default_rng(15)
-    count = 20_000
-    angle, radii = rng.uniform(0, 2 * np.pi, count), np.exp(2 * rng.normal(size=(count, 2)))
-    gap = rng.choice([-1, 1], count) * 10.0 ** rng.uniform(-18, -12, count)
-    first = rng.normal(size=(count, 2))
-    towards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    second = first + (radii.sum(axis=1) + gap)[:, None] * towards
-    sets = PlanarSets(*PLANE, np.stack([first, second], axis=1), radii)
+    radii = np.exp(2 * rng.normal(size=(20_000, 2)))
+    sets, _ = two_discs(rng, radii, signed_gaps(rng, 20_000, -18, -12))
     sets = sets[~sets.is_empty]
     for spread in (1e-3, 1.0, 1e4):
         nearest = sets.project(spread * rng.normal(size=(*sets.shape, 2)))
@@ -362,13 +308,13 @@ def test_points_and_sets_broadcast() -> None:
     assert sets.project(np.ones(2)).shape == (3, 4, 2)
     assert sets.project(np.ones((5, 1, 1, 2))).shape == (5, 3, 4, 2)
     assert sets.is_empty.shape == sets.violation([0.0, 0.0]).shape == (3, 4)
-    assert sets[0].shape == (4,)
-    assert sets[:, 1].shape == (3,)
-    assert sets[np.eye(3, 4, dtype=bool)].shape == (3,)
-    assert sets[np.array([0, 0, 2])].shape == (3, 4)
+    indices = (0, np.s_[:, 1], np.eye(3, 4, dtype=bool), np.array([0, 0, 2]))
+    assert [sets[index].shape for index in indices] == [(4,), (3,), (3,), (3, 4)]
     assert sets[0:0].project(np.ones(2)).shape == (0, 4, 2)
     with pytest.raises(IndexError):
         sets[0, 0, 0]
+    with pytest.raises(ValueError, match="points must have shape"):
+        single([-1, -1], [1, 1]).project(np.zeros(3))
 
 
 def test_index_selects_sets(cases: Case) -> None:
@@ -442,11 +388,6 @@ def test_sets_of_wrong_shape_or_value_raise(changes: dict[str, object], message:
         PlanarSets(**(right | changes))
 
 
-def test_points_of_wrong_shape_raise() -> None:
-    with pytest.raises(ValueError, match="points must have shape"):
-        single([-1, -1], [1, 1]).project(np.zeros(3))
-
-
 # --- Wishes. ---
 
 
@@ -477,7 +418,7 @@ def test_relax_infeasible_set_becomes_nearest_point() -> None:
         assert reached > radii[i, 1]  # disc 1 indeed cannot be reached
 
 
-def test_relax_feasible_sets_are_unchanged() -> None:
+def test_relax_keeps_feasible_sets_and_single_ones() -> None:
     sets = PlanarSets(
         -np.ones(2), np.ones(2), np.array([[[0.0, 0], [1, 0]], [[0, 0], [5, 0]]]), np.ones(2)
     )
@@ -490,12 +431,9 @@ def test_relax_feasible_sets_are_unchanged() -> None:
     same, none = sets[:1].relax_infeasible()
     assert same.radii[0, 1] == 1
     assert not none.any()
-
-
-def test_relax_accepts_single_set() -> None:
-    relaxed, infeasible = single([-9, -9], [9, 9], (0, 0, 1), (5, 0, 1)).relax_infeasible()
-    assert infeasible.shape == relaxed.shape == ()
-    np.testing.assert_allclose(relaxed.project([3, 3]), [1, 0])
+    alone, short = single([-9, -9], [9, 9], (0, 0, 1), (5, 0, 1)).relax_infeasible()
+    assert short.shape == alone.shape == ()
+    np.testing.assert_allclose(alone.project([3, 3]), [1, 0])
 
 
 def test_relax_empty_hard_constraints_raise() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from available_solvers import GENERAL
 from cutest_fakes import BIG, HS71, PYCUTEST, CUTEstProblem, Unconstrained
 from hock_schittkowski import published
 
@@ -23,11 +24,7 @@ KINDS: dict[str, Callable[[], csw.Problem]] = {
     "pycutest": lambda: csw.Problem.from_pycutest(CUTEstProblem()),
     "s2mpj": lambda: csw.Problem.from_s2mpj(HS71()),
 }
-GENERAL = [
-    name
-    for name, kind in SOLVERS.items()
-    if kind.capabilities.problems == "any" and not kind.unavailable()
-]
+RUNNING = [name for name in GENERAL if not SOLVERS[name].unavailable()]
 POINT = np.array([1.5, 2.0, 3.0, 2.5])
 
 
@@ -40,7 +37,7 @@ QUICK = ("ipopt", "sqp", "uno", "unopy", "slsqp")
 CASES = [
     pytest.param(kind, name, marks=() if name in QUICK else pytest.mark.slow)
     for kind in KINDS
-    for name in GENERAL
+    for name in RUNNING
 ]
 
 
@@ -86,14 +83,11 @@ def test_problem_keeps_names_numbers_and_infinities() -> None:
     assert csw.Problem.from_s2mpj(HS71(), "own name").name == "own name"
 
 
-def test_unconstrained_problem_is_solved() -> None:
+def test_problems_without_constraints_or_objective_are_solved() -> None:
     problem = csw.Problem.from_pycutest(Unconstrained())
     assert problem.nlp.sizes == (4, 0, 0)
     (solution,) = make_solver("ipopt").solve(problem.nlp, problem.starts["given"])
     np.testing.assert_allclose(solution.x, 2.0, atol=1e-6)
-
-
-def test_problem_without_objective_has_zero() -> None:
     made = HS71()
     made.objgrps = np.array([])
     problem = csw.Problem.from_s2mpj(made)
@@ -128,49 +122,37 @@ def test_missing_pycutest_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) ->
         csw.Problem.from_pycutest("HS71")
 
 
-def changed(made: Any, **values: object) -> Any:
-    for name, value in values.items():
-        setattr(made, name, value)
-    return made
-
-
-NAN = np.array([1.0, np.nan, 1.0, 1.0])
-REFUSED: dict[str, tuple[Callable[[], object], str]] = {
-    "integers": (
-        lambda: csw.Problem.from_pycutest(changed(CUTEstProblem(), vartype=[0, 2, 0, 0])),
+INTEGERS = {"pbclass": "I-COOR2-AY-4-2"}
+REFUSED: list[tuple[Any, dict[str, Any], str]] = [
+    (
+        CUTEstProblem,
+        {"vartype": [0, 2, 0, 0]},
         "'HS71' has integer variables; only continuous ones are supported",
     ),
-    "nan": (lambda: csw.Problem.from_pycutest(changed(CUTEstProblem(), x0=NAN)), r"x0\[1\]"),
-    "fixed": (
-        lambda: csw.Problem.from_pycutest(changed(CUTEstProblem(), bu=np.ones(4))),
-        "has no free variable",
-    ),
-    "nothing between": (
-        lambda: csw.Problem.from_pycutest(changed(CUTEstProblem(), bl=np.full(4, BIG))),
-        r"nothing is between lbx\[0\] = inf",
-    ),
-    "parameters": (
-        lambda: csw.Problem.from_pycutest(CUTEstProblem(), N=3),
-        "parameters N are for the name of a problem",
-    ),
-    "other object": (lambda: csw.Problem.from_pycutest(3), "3 is not a problem of PyCUTEst"),
-    "a class": (lambda: csw.Problem.from_s2mpj(HS71), "not an instance of a problem's class"),
-    "integer class": (
-        lambda: csw.Problem.from_s2mpj(changed(HS71(), pbclass="I-COOR2-AY-4-2")),
-        "'HS71' has the class I-COOR2-AY-4-2, with integer variables",
-    ),
-    "derivatives": (
-        lambda: csw.Problem.from_s2mpj(changed(HS71(), conderlvl=[1])),
-        "'HS71' has no exact second derivatives",
-    ),
-}
+    (CUTEstProblem, {"x0": np.array([1.0, np.nan, 1.0, 1.0])}, r"x0\[1\]"),
+    (CUTEstProblem, {"bu": np.ones(4)}, "has no free variable"),
+    (CUTEstProblem, {"bl": np.full(4, BIG)}, r"nothing is between lbx\[0\] = inf"),
+    (HS71, INTEGERS, "'HS71' has the class I-COOR2-AY-4-2, with integer variables"),
+    (HS71, {"conderlvl": [1]}, "'HS71' has no exact second derivatives"),
+]
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_refusal_names_problem_and_reason(name: str) -> None:
-    pose, message = REFUSED[name]
+@pytest.mark.parametrize(("kind", "values", "message"), REFUSED)
+def test_refusal_names_problem_and_reason(kind: Any, values: dict[str, Any], message: str) -> None:
+    made = kind()
+    vars(made).update(values)
+    pose = csw.Problem.from_s2mpj if kind is HS71 else csw.Problem.from_pycutest
     with pytest.raises(csw.ProblemError, match=message):
-        pose()
+        pose(made)
+
+
+def test_what_is_no_problem_is_refused() -> None:
+    with pytest.raises(csw.ProblemError, match="parameters N are for the name of a problem"):
+        csw.Problem.from_pycutest(CUTEstProblem(), N=3)
+    with pytest.raises(csw.ProblemError, match="3 is not a problem of PyCUTEst"):
+        csw.Problem.from_pycutest(3)
+    with pytest.raises(csw.ProblemError, match="not an instance of a problem's class"):
+        csw.Problem.from_s2mpj(HS71)
 
 
 def test_black_box_cannot_be_written(tmp_path: Path) -> None:

@@ -1,16 +1,20 @@
-"""The judge: residuals at solutions that are known, and away from them."""
+"""The judge: residuals at solutions that are known, and away from them; their relative error."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 from hock_schittkowski import KNOWN, published
-from known_problems import INF, Known, active_box, known, planar
+from hypothesis import given
+from hypothesis import strategies as st
+from known_problems import INF, Known, active_box, instances, known, planar
 
-from casswarm.nlp import Instances, Nlp, Residuals, kkt_residuals
+from casswarm.nlp import Nlp, Residuals, kkt_residuals, relative_error
 from casswarm.nlp.residuals import ACTIVE
 from casswarm.solvers import Ipopt
 
@@ -34,20 +38,12 @@ def judged(case: Known, x: object = None, *multipliers: object) -> Residuals:
 
 
 @each
-def test_kkt_residuals_vanish_at_solution(
-    case: Known,
-) -> None:
-    residuals = judged(case, None, case.bound_multipliers, case.row_multipliers)
-    assert residuals.violation < ROUNDED
-    assert residuals.stationarity < ROUNDED
-    assert residuals.complementarity < ROUNDED
-
-
-@each
-def test_estimated_multipliers_make_solution_stationary(case: Known) -> None:
-    residuals = judged(case)
-    assert residuals.stationarity < ROUNDED
-    assert residuals.complementarity < ROUNDED
+def test_kkt_residuals_vanish_at_solution_also_with_estimated_multipliers(case: Known) -> None:
+    known_ones = judged(case, None, case.bound_multipliers, case.row_multipliers)
+    assert known_ones.violation < ROUNDED
+    for residuals in (known_ones, judged(case)):
+        assert residuals.stationarity < ROUNDED
+        assert residuals.complementarity < ROUNDED
 
 
 @with_multipliers
@@ -77,9 +73,7 @@ def test_multiplier_is_derivative_of_objective_by_bound(case: Known) -> None:
 
 
 @each
-def test_estimated_multipliers_match_those_of_ipopt(
-    case: Known,
-) -> None:
+def test_estimated_multipliers_match_those_of_ipopt(case: Known) -> None:
     solution = Ipopt().solve(case.nlp, case.instance)[0]
     estimated = kkt_residuals(case.nlp, case.instance, solution.x)
     assert solution.residuals.stationarity < 1e-6
@@ -105,10 +99,7 @@ def test_stationarity_is_largest_component_of_lagrangian_gradient() -> None:
     assert judged(case, [0.5, 2], [1, 0], []).stationarity == 6
     assert judged(case, [0.5, 2], [-4, 0], []).stationarity == 7
     assert judged(published(6), [0, 0], [0, 0], [1]).stationarity == 10  # (-2, 0) + (0, 10)
-
-
-def test_inactive_bound_does_not_reduce_stationarity() -> None:
-    case = active_box()
+    # bounds that are not active do not reduce it
     assert judged(case, [0, -1]).stationarity == pytest.approx(4)  # f falls towards the inside
     assert judged(case, [1, 3]).stationarity == pytest.approx(8)
 
@@ -125,9 +116,7 @@ def test_complementarity_is_largest_product_with_slack() -> None:
     assert judged(case, [0.75, -1], [-2, 0], []).complementarity == 1.5
     assert judged(case, [0.75, -1], [0, -4], []).complementarity == 8
     assert judged(case, [0.75, -1], [0, 0], []).complementarity == 0
-
-
-def test_multiplier_of_infinite_bound_has_unit_slack() -> None:
+    # infinite bounds have a slack of one
     assert judged(published(35), None, [0.5, 0, 0], [2 / 9]).complementarity == 0.5
     assert judged(published(35), None, [0, 0, 0], [-0.25]).complementarity == 0.25
 
@@ -193,7 +182,100 @@ def test_kkt_residuals_use_parameters_of_instance() -> None:
     x, q = ca.MX.sym("x"), ca.MX.sym("q")
     nlp = Nlp("shifted", {"x": x}, {"q": q}, (x - q) ** 2, {"above": x - q})
     for goal in (1.0, 3.0):
-        one = np.array([[goal]])
-        instance = Instances(one, one, one - 9, one + 9, 0 * one, np.full((1, 1), INF))
+        instance = instances([goal], [goal], lbx=goal - 9, ubx=goal + 9, lbg=0.0, ubg=INF)
         assert kkt_residuals(nlp, instance, np.array([goal])) == Residuals(0, 0, 0)
         assert kkt_residuals(nlp, instance, np.array([goal - 0.5])).violation == 0.5
+
+
+# --- the scale-invariant error
+
+
+UNITS = st.sampled_from([1e-6, 1e-2, 1.0, 32.0, 1e5])
+
+
+def scaled(unit: float, objective: float, row: float) -> Known:
+    """Problem 35 with other units of x, of f and of its constraint."""
+    original = published(35)
+    function = ca.Function("f", [original.nlp.x], [original.nlp.objective, original.nlp.g])
+
+    def part(number: int, factor: float) -> Callable[[Any], Any]:
+        return lambda x: factor * function(x / unit)[number]
+
+    return known(
+        "scaled",
+        part(0, objective),
+        ((unit * original.x).tolist(), objective * original.objective),
+        [unit * 0.5] * 3,
+        box=([0.0] * 3, [INF] * 3),
+        rows={"budget": (part(1, row), -INF, 3 * row)},
+        bound_multipliers=[0.0] * 3,
+        row_multipliers=(objective / row * original.row_multipliers).tolist(),
+    )
+
+
+@pytest.mark.parametrize("case", KNOWN, ids=lambda case: case.nlp.name)
+def test_relative_error_at_published_optimum_is_small(case: Known) -> None:
+    multipliers = case.bound_multipliers, case.row_multipliers
+    assert relative_error(case.nlp, case.instance, case.x, multipliers) < 1e-7
+    assert relative_error(case.nlp, case.instance, case.x) < 1e-5  # printed to eight digits
+
+
+@given(UNITS, UNITS, UNITS, st.sampled_from([0.0, 1e-5, 1e-2, 0.3]))
+def test_relative_error_is_independent_of_units(
+    unit: float, objective: float, row: float, step: float
+) -> None:
+    reference, case = scaled(1.0, 1.0, 1.0), scaled(unit, objective, row)
+    direction = np.array([1.0, -0.5, 0.25])
+    expected, error = (
+        relative_error(
+            each.nlp,
+            each.instance,
+            each.x + step * size * direction,
+            (each.bound_multipliers, each.row_multipliers),
+        )
+        for each, size in ((reference, 1.0), (case, unit))
+    )
+    assert error == pytest.approx(expected, rel=1e-6, abs=1e-13)
+    assert bool(error > 1e-6) == bool(step)
+
+
+def test_relative_error_of_interior_point_is_gradient_over_that_of_the_start() -> None:
+    case = known("bowl", lambda x: 50 * ca.sumsqr(x), ([0, 0], 0), [3, 4])
+    error = relative_error(case.nlp, case.instance, np.array([0.003, 0.004]))
+    assert error == pytest.approx(1e-3)
+
+
+def test_relative_error_of_violation_is_a_relative_distance() -> None:
+    # the row 1000 (x - 2) >= 0 at 1.9: a distance of 0.1, relative to |x| = 1.9
+    case = known(
+        "wall", lambda x: x[0], ([2], 2), [1.0], rows={"wall": (lambda x: 1e3 * (x - 2), 0, INF)}
+    )
+    multipliers = np.zeros(1), np.array([-1e-3])
+    error = relative_error(case.nlp, case.instance, np.array([1.9]), multipliers)
+    assert error == pytest.approx(0.1 / 1.9)
+
+
+def test_relative_error_of_multiplier_of_inactive_row_is_the_smaller_of_both() -> None:
+    case = known("slope", lambda x: x[0], ([0], 0), [1.0], box=([0], [INF]))
+    at_distance = relative_error(
+        case.nlp, case.instance, np.array([1.0]), (np.array([-1.0]), np.zeros(0))
+    )
+    assert at_distance == 1.0  # the bound is as far as x is long, its multiplier as large as f'
+    near = relative_error(
+        case.nlp, case.instance, np.array([1e-3]), (np.array([-1.0]), np.zeros(0))
+    )
+    assert near == pytest.approx(1e-3 / 0.999)
+
+
+def test_relative_error_is_infinite_where_it_cannot_be_measured() -> None:
+    case = known("flat", lambda x: x[0], ([0], 0), [1.0], rows={"row": (lambda x: x**2, -2, -1)})
+    assert relative_error(case.nlp, case.instance, np.array([np.nan])) == INF
+    assert relative_error(case.nlp, case.instance, np.array([0.0])) == INF  # violated, no gradient
+
+
+def test_relative_error_has_the_scale_of_a_given_reference() -> None:
+    case = known("bowl", lambda x: 50 * ca.sumsqr(x), ([0, 0], 0), [0, 0])
+    x = np.array([0.003, 0.004])
+    far = relative_error(case.nlp, case.instance, x, reference=np.array([3.0, 4.0]))
+    assert far == pytest.approx(1e-3)
+    assert relative_error(case.nlp, case.instance, x) == pytest.approx(1.0)

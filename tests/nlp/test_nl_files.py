@@ -11,6 +11,7 @@ import pytest
 from hock_schittkowski import NUMBERS, published
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_problems import INF, instances
 
 from casswarm.errors import ProblemError
 from casswarm.nlp import Instances, Nlp, nl_text, operations, read_nl
@@ -72,8 +73,8 @@ def program(objective, rows=(), size: int = 2) -> tuple[Nlp, Instances]:
     x = ca.SX.sym("x", size)
     g = ca.vertcat(*(row(x) for row in rows)) if rows else ca.SX(0, 1)
     nlp = Nlp.from_expressions("made", x, ca.SX(0, 1), ca.SX(objective(x)), g)
-    free, count = np.full((1, size), np.inf), np.full((1, len(rows)), np.inf)
-    return nlp, Instances(np.ones((1, size)), np.empty((1, 0)), -free, free, -count, count)
+    free = np.full(len(rows), INF)
+    return nlp, instances(np.ones(size), lbg=-free, ubg=free)
 
 
 def values(nlp: Nlp, x) -> list[np.ndarray]:
@@ -301,10 +302,10 @@ def test_unwritable_problem_is_refused() -> None:
     x = ca.MX.sym("x")
     table = ca.interpolant("table", "bspline", [[0, 1, 2, 3, 4]], [0, 1, 4, 9, 16])
     nlp = Nlp.from_expressions("table", x, ca.MX(0, 1), table(x), ca.MX(0, 1))
-    one, none = np.ones((1, 1)), np.empty((1, 0))
+    one = instances([1.0], lbx=-1.0, ubx=1.0)
     with pytest.raises(ProblemError, match=r"table cannot be written .* CasADi's OP_CALL"):
-        nl_text(nlp, Instances(one, none, -one, one, none, none))
+        nl_text(nlp, one)
     solved = ca.solve(ca.blockcat([[x, 1], [1, 3 * x]]), ca.MX.ones(2), "qr")
     nlp = Nlp.from_expressions("solve", x, ca.MX(0, 1), ca.sumsqr(solved), ca.MX(0, 1))
     with pytest.raises(ProblemError, match="it has an operation that is not one of scalars"):
-        nl_text(nlp, Instances(one, none, -one, one, none, none))
+        nl_text(nlp, one)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -50,8 +49,9 @@ def blocks(batch: int) -> dict[str, Any]:
 # --- layout
 
 
-def test_nlp_sizes_count_scalars(nlp: Nlp) -> None:
+def test_sizes_count_scalars_and_row_names_cover_all_constraints(nlp: Nlp) -> None:
     assert nlp.sizes == (8, 3, 5)
+    assert nlp.row_names == ("radius[0]", "radius[1]", "radius[2]", "sum[0]", "sum[1]")
 
 
 def test_pack_variables_inverts_variable(nlp: Nlp) -> None:
@@ -102,10 +102,7 @@ def test_pack_broadcasts_block_over_batch(nlp: Nlp) -> None:
     assert x.shape == (3, 8)
     assert (nlp.variable("angles", x) == given["angles"][0]).all()
     assert nlp.pack_variables(points=0.0, angles=1.0).tolist() == [[0] * 6 + [1] * 2]
-
-
-def test_pack_empty_batch_has_no_rows(nlp: Nlp) -> None:
-    assert nlp.pack_variables(**blocks(0)).shape == (0, 8)
+    assert nlp.pack_variables(**blocks(0)).shape == (0, 8)  # an empty batch
 
 
 def test_pack_without_constraints_has_zero_width() -> None:
@@ -114,10 +111,6 @@ def test_pack_without_constraints_has_zero_width() -> None:
     assert nlp.pack_constraints().shape == (1, 0)
     assert nlp.row_names == ()
     assert np.asarray(nlp.evaluate(np.ones(8), np.ones(3))[1]).size == 0
-
-
-def test_nlp_row_names_cover_all_constraints(nlp: Nlp) -> None:
-    assert nlp.row_names == ("radius[0]", "radius[1]", "radius[2]", "sum[0]", "sum[1]")
 
 
 # --- wrong blocks
@@ -181,34 +174,23 @@ def test_instances_select_by_slice_mask_or_indices(rows: Any, kept: list[int]) -
     assert some.x0[:, 0].tolist() == kept
     assert some.p[:, 0].tolist() == [10 * i for i in kept]
     assert some.ubx.tolist() == [[i + 1, i + 2] for i in kept]
-    assert some.lbx.shape == (len(kept), 2)
     assert some.ubg.tolist() == [[i + 3, i + 4, i + 5] for i in kept]
-    assert some.lbg.shape == (len(kept), 3)
+    assert (some.lbx.shape, some.lbg.shape) == ((len(kept), 2), (len(kept), 3))
     assert isinstance(some.feasible_set, PlanarSets)
     assert some.feasible_set.radii[:, 0, 0].tolist() == kept
     assert batch()[rows].feasible_set is None
 
 
-def test_instances_broadcast_common_bounds() -> None:
-    some = batch()
+def test_instances_broadcast_common_bounds_and_keep_arrays_with_other_x0() -> None:
+    some, start = batch(), np.zeros((5, 2))
     assert len(some) == 5
     assert some.lbx.tolist() == [[-1, -2]] * 5
     assert some.lbg.tolist() == [[-np.inf] * 3] * 5
-
-
-def test_instances_with_x0_keep_all_other_arrays() -> None:
-    some, start = batch(), np.zeros((5, 2))
     other = some.with_x0(start)
     assert other.x0 is start
     for name in ("p", "lbx", "ubx", "lbg", "ubg"):
         np.testing.assert_array_equal(getattr(other, name), getattr(some, name))
     assert some.x0[1, 1] == 1.5
-
-
-def test_instances_pickle() -> None:
-    other = pickle.loads(pickle.dumps(batch()))
-    np.testing.assert_array_equal(other.x0, batch().x0)
-    np.testing.assert_array_equal(other.ubx, batch().ubx)
 
 
 # --- a thousand members
@@ -218,10 +200,8 @@ def test_matrix_form_size_is_independent_of_members() -> None:
     counts = []
     for n in (3, 1000):
         nlp = formation_nlp(SaturationCollision(RADARS), n, corridor=True)
-        function = ca.Function(
-            "f", [nlp.x, nlp.p], [nlp.objective, ca.gradient(nlp.objective, nlp.x)]
-        )
-        counts.append(function.n_nodes())
+        parts = [nlp.objective, ca.gradient(nlp.objective, nlp.x)]
+        counts.append(ca.Function("f", [nlp.x, nlp.p], parts).n_nodes())
     assert counts[0] == counts[1] < 500
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from scenario_messages import edited
 
 from casswarm.scenario import Scenario, load_scenario
 
@@ -16,16 +17,12 @@ def paper() -> Scenario:
 
 
 @pytest.fixture
-def file(tmp_path: Path, paper: Scenario) -> Callable[..., Path]:
+def file(tmp_path: Path) -> Callable[..., Path]:
     """Function that writes paper-1 with replaced text."""
 
     def write(*replacements: tuple[str, str]) -> Path:
-        text = paper.to_toml()
-        for old, new in replacements:
-            assert old in text
-            text = text.replace(old, new, 1)
         path = tmp_path / "my.toml"
-        path.write_text(text, encoding="utf-8")
+        path.write_bytes(edited(*replacements))
         return path
 
     return write

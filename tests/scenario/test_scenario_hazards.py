@@ -161,10 +161,6 @@ def test_overflowing_collision_rate_is_refused() -> None:
     assert "hazard.beta_2 is 1000 with beta_1 = 0.2: the rate of members that touch exceeds" in text
 
 
-def test_hazard_without_saturation_is_allowed(paper: Scenario) -> None:
-    assert paper.with_values({"hazard.alpha_2": 0}).hazard_table.alpha_2 == 0
-
-
 # --- classes of the user's own
 
 
@@ -201,8 +197,3 @@ def test_failing_hazard_class_reports_reason(paper: Scenario) -> None:
     assert "Gaussian cannot be made" in text
     assert "width" in text
     assert "radars are empty" in message(paper.with_hazard, Gaussian)
-
-
-def test_misplaced_hazard_parameter_names_its_table(file: Callable[..., Path]) -> None:
-    path = file(('kind = "saturation"', 'kind = "mine:rates"\nwidth = 3'))
-    assert "[hazard.parameters]" in message(load_scenario, path)

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import logging
 import pickle
-import subprocess
-import sys
 import threading
+from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
 import pytest
-from faulty_solvers import FAULTS, Faulty
-from known_problems import nearest_in_box
+from commands import python
+from faulty_solvers import FAULTS, Counting, Faulty
+from known_problems import active_box, nearest_in_box
 from small_scenarios import small
 
 import casswarm as csw
 from casswarm.comparison import Problem
 from casswarm.errors import CheckpointError, SolverError
-from casswarm.formation import CompiledObjective, formation_program
 from casswarm.nlp import Status
 from casswarm.policies import formation_policies as formation
-from casswarm.solvers import Ipopt, Isolated, NlpSol
+from casswarm.solvers import Ipopt, Isolated, NlpSol, isolated
 
 PAPER = csw.load_scenario("paper-1")
 DEADLY = ("hang", "exit", "abort", "kill")
@@ -136,38 +135,11 @@ def test_isolated_error_has_the_values_of_the_solver_inside():
     solver.close()
 
 
-def test_nlp_pickles_with_equal_derivatives():
-    nlp = formation_program(PAPER.hazard, 5, True)
-    again = pickle.loads(pickle.dumps(nlp))
-    x, p = np.random.default_rng(0).uniform(0, 1, (2, 64))
-    x, p = x[: nlp.sizes[0]], p[: nlp.sizes[1]]
-    assert (again.name, again.sizes, again.row_names) == (nlp.name, nlp.sizes, nlp.row_names)
-    ours, theirs = (each.attached(CompiledObjective).source for each in (nlp, again))
-    assert (again.unroll, theirs) == (nlp.unroll, ours)
-    for name in ("evaluate", "gradient", "jacobian"):
-        ours, theirs = getattr(nlp, name)(x, p), getattr(again, name)(x, p)
-        for a, b in zip(ours, theirs, strict=True) if isinstance(ours, tuple) else [(ours, theirs)]:
-            np.testing.assert_array_equal(np.asarray(ca.DM(a)), np.asarray(ca.DM(b)))
-
-
-def test_instances_pickle_read_only():
-    instances = goals((0.5, 3.0), (1.0, 2.0))[1]
-    again = pickle.loads(pickle.dumps(instances))
-    for name in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
-        ours, theirs = getattr(instances, name), getattr(again, name)
-        np.testing.assert_array_equal(ours, theirs)
-        # compiled code is compiled again for arrays that can be written to
-        assert ours.flags.writeable == theirs.flags.writeable
-
-
 def test_isolated_in_script_without_main_guard_raises(tmp_path):
     (tmp_path / "study.py").write_text(
         "from casswarm.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"
     )
-    done = subprocess.run(
-        [sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
+    done = python("study.py", folder=tmp_path, code=1)
     assert "if __name__ == '__main__':" in done.stderr.splitlines()[-1]
 
 
@@ -312,3 +284,64 @@ def test_compare_rejects_checkpoint_of_other_inputs(tmp_path, changed, differenc
         csw.compare(**usual | changed, checkpoint=tmp_path, if_exists="resume")
     assert difference in str(caught.value)
     assert "choose another folder" in str(caught.value)
+
+
+# --- warm-up of processes
+
+
+def _problems(*names: str) -> list[Problem]:
+    x = ca.SX.sym("x", 2)
+    return [Problem.from_casadi({"x": x, "f": ca.sumsqr(x - 1)}, name) for name in names]
+
+
+@pytest.fixture
+def warm() -> Iterator[Isolated]:
+    """Solver whose processes solve a small problem first."""
+    solver = Isolated(Counting())
+    case = active_box()
+    solver.warm_up(case.nlp, case.instance)
+    yield solver
+    solver.close()
+
+
+def _message(solver: Isolated, problem: Problem) -> str:
+    (answer,) = solver.run(problem.nlp, problem.starts["given"])
+    return str(answer.message)
+
+
+def test_process_that_replaces_another_is_warmed_up(warm: Isolated) -> None:
+    fine, deadly, other = _problems("fine", "deadly", "other")
+    assert _message(warm, fine) == "1 before"
+    assert "exit code 3" in _message(warm, deadly)
+    assert _message(warm, other) == "1 before"
+
+
+def test_process_replaced_for_its_number_of_programs_is_warmed_up(
+    warm: Isolated, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(isolated, "_MAX_PROGRAMS", 3)
+    messages = [_message(warm, problem) for problem in _problems("a", "b", "c")]
+    assert messages == ["1 before", "2 before", "1 before"]
+
+
+def test_process_after_close_is_not_warmed_up(warm: Isolated) -> None:
+    (fine,) = _problems("fine")
+    warm.start()
+    warm.close()
+    assert _message(warm, fine) == "0 before"
+
+
+def test_warm_up_that_ends_the_process_is_given_up() -> None:
+    fine, deadly = _problems("fine", "deadly")
+    solver = Isolated(Counting())
+    solver.warm_up(deadly.nlp, deadly.starts["given"])
+    assert _message(solver, fine) == "0 before"
+    solver.close()
+
+
+def test_compare_warms_up_a_solver_after_it_ended_its_process() -> None:
+    runs = csw.compare(
+        _problems("fine", "deadly", "other"), Counting(), time_limit=30, record_iterates=False
+    ).runs.set_index("problem")
+    assert runs.loc["deadly", "message"].startswith("its process ended with exit code 3")
+    assert runs.loc["fine", "message"] == runs.loc["other", "message"] == "1 before"
