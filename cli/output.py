@@ -75,10 +75,10 @@ def said_warnings() -> Iterator[None]:
     """Print casswarm's warnings as lines on standard error, each once."""
     shown, said = warnings.showwarning, set[str]()
 
-    def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         text = str(message)
         if not issubclass(category, csw.CasswarmWarning):
-            shown(message, category, *place)
+            shown(message, category, *place, **more)
         elif text not in said:
             said.add(text)
             say(f"warning: {text}")

@@ -109,7 +109,7 @@ class Nlp:
         """All constraints, a column."""
         return ca.veccat(*self.constraints.values()) if self.constraints else ca.MX(0, 1)
 
-    @locked_property
+    @property
     def sizes(self) -> tuple[int, int, int]:
         """Numbers of variables, parameters and constraints."""
         return self.x.shape[0], self.p.shape[0], self.g.shape[0]
