@@ -244,7 +244,7 @@ def plan(
     )
     if check and not guide.arrives:
         raise _no_arrival(guide)
-    if guide.failed and not guide.note:
+    if guide.arrives and guide.failed and not guide.note:
         reason = f"{guide.solution.solver}: {guide.solution.message}"
         guide = replace(guide, note=f"not a minimum: no solve succeeded ({reason})")
         warnings.warn(guide.note, CasswarmWarning, stacklevel=2)

@@ -322,7 +322,7 @@ class Instances:
             if not batch or array.ndim not in (1, 2) or rows not in ((), (1,), batch):
                 expected = f"({', '.join(map(str, batch or ('B',)))}, ...), a row for each instance"
                 raise _wrong_shape(name, array.shape, expected)
-            if rows != batch:
+            if name != "x0":
                 array = np.broadcast_to(array, (*batch, array.shape[-1]))
             object.__setattr__(self, name, array)
 

@@ -316,7 +316,8 @@ class Solver(ABC):
         residuals = kkt_residuals(nlp, instance, answer.x, answer.multipliers)
         unverified = answer.status.success and not residuals.violation <= VIOLATION
         message = answer.message
-        if not (answer.status.success or np.isfinite(residuals.stationarity)):
+        answered = np.isfinite(answer.x).all() and not answer.status.success
+        if answered and not np.isfinite(residuals.stationarity):
             reason = invalid_value(nlp, instance, answer.x)
             message = "; ".join(filter(None, [message, reason]))
         return Solution(

@@ -133,8 +133,9 @@ def test_runs_in_equal_states_share_decision() -> None:
         return np.full_like(state[1], [1.5, 0.0])
 
     found = study(alone, along)
-    assert asked == [1] * int(found.runs["steps"].max())
-    assert found.effort["states"].tolist() == [len(asked)]
+    steps = int(found.runs["steps"].max())
+    assert asked == [1] * (2 * steps)  # a user's policy is asked twice
+    assert found.effort["states"].tolist() == [steps]
     found = study(pair(), hurry_alone)
     assert found.effort["states"][0] <= 1 + 3 + 3 * 3 + 3 * 3 * 3
 

@@ -166,6 +166,7 @@ def test_function_of_folder_pickles_into_another_process(tmp_path: Path) -> None
     hazard = user_hazard("sent:rate", tmp_path, (), {})
     assert isinstance(hazard, CustomHazard)
     (tmp_path / "function.pickle").write_bytes(pickle.dumps(hazard.function))
-    program = "import pickle\nfunction = pickle.load(open('function.pickle', 'rb'))\n"
+    program = "import pickle, pathlib\n"
+    program += "function = pickle.loads(pathlib.Path('function.pickle').read_bytes())\n"
     program += "print(function([[0, 0]], 1))"
     assert python("-c", f"import casswarm\n{program}", folder=tmp_path).stdout.strip() == "8"
