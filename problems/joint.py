@@ -1,8 +1,9 @@
 """The joint plan: trajectories of all members at once, for the success of the swarm itself.
 
-An open-loop plan X_i(1..T) of all n members, with arrival steps T_i, has an exact success
-probability. With d the set of living members, F_t(d) the probability that from step t on no member
-arrives, and q_i(t, d) = 1 - exp(-dt lambda_i(X(t), d)),
+An open-loop plan X_i(1..N) of all n members over the N steps until t_f, with arrival steps T_i, has
+an exact success probability. With d the set of living members, lambda_i(X, d) the rate of member i
+per unit time, F_t(d) the probability that from step t on no member arrives, and
+q_i(t, d) = 1 - exp(-dt lambda_i(X(t), d)) the probability of its loss,
 
     F_t(d) = sum over d' of d of  prod_{i in d'} (1 - q_i) prod_{i in d - d'} q_i  f_{t+1}(d'),
              q_i = q_i(t+1, d),
@@ -14,7 +15,7 @@ fraction of members that are not in the target then for ``"arrivals"``; the frac
 for ``"survivors"``. The program is
 
     minimise    log F - log(1 - F),  F = F_0(all members)
-    over        V_i(0..T-1)
+    over        V_i(0..N-1), zero from max T_i on if all arrive
     subject to  -v_max <= V_i(t) <= v_max                       equation (4)
                 ||V_i(t) - V_i(t-1)||^2 <= a_max                 equation (5)
                 ||X_i(T_i) - c||^2 <= (radius - margin)^2
@@ -89,7 +90,7 @@ class JointForm:
 
 @locked_cache(maxsize=64)
 def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
-    """The program above, in steps and in lengths of a step at v_max.
+    """The program of `casswarm.problems.joint`, in steps and in lengths of a step at v_max.
 
     Blocks have a column per step; those of points hold (x_1, y_1, ..., x_n, y_n). `hessian` tells
     whether to build second derivatives in CasADi, which takes a second with a hundred steps;

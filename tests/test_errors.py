@@ -56,6 +56,11 @@ def bounded(lower: np.ndarray, _upper: np.ndarray) -> np.ndarray:
     return np.full(lower.shape[:-1], 1e9)
 
 
+def nameless() -> str:
+    """Return the text of a scenario whose rates a file cannot name."""
+    return SCENARIO.with_hazard(lambda x, _alive: x[:, 0] ** 2).to_toml()
+
+
 def parametric(function: Any, parameters: Any) -> csw.ParametricPolicy:
     """Return a policy of paper-1."""
     return csw.ParametricPolicy(function, parameters, SCENARIO)
@@ -76,6 +81,7 @@ REFUSALS: dict[type[errors.CasswarmError], list[Refusal]] = {  # calls, and valu
         (sweep, ("formation.rho", []), {"key": "formation.rho", "value": []}),
         (sweep, ("formation.rho", [1j]), {"key": "formation.rho", "value": [1j]}),
         (sweep, ("formation.roh", [1.0]), {"key": "formation.roh"}),
+        (nameless, (), {"key": "hazard.kind"}),
     ],
     errors.HazardError: [
         (saturation, ("radars", ((0.0, 0.0, 0.0),)), {"key": "radars", "shape": (1, 3)}),

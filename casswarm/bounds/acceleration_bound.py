@@ -151,7 +151,7 @@ class Region:
 
     @property
     def grid(self) -> Grid:
-        """The nodes, as of other bounds."""
+        """The cells as a `Grid` for `StageCosts`: a sample at every step, one block each."""
         return Grid(self.task, 1, self.reach, tuple((block,) for block in self.blocks))
 
     @property
@@ -572,8 +572,9 @@ def bound_with_acceleration(
     while reach < 64 and node_count(task, 1, 2 * reach) <= first_nodes:
         reach *= 2
     if node_count(task, 1, reach) > MAX_NODES:
-        reason = f"a step has too many positions: more than {MAX_NODES:,} nodes in all"
-        return AccelerationBound(known, best, task.radius, reason, 0, 0.0)
+        many = f"a step has too many positions: more than {MAX_NODES:,} nodes in all"
+        reason, seconds = f"{many}; choose a larger time.dt or a smaller t_f", time.monotonic()
+        return AccelerationBound(known, best, task.radius, reason, 0, seconds - started)
     for steps in range(task.steps, 0, -1):
         full = Region.full(replace(task, steps=steps), reach)
         region = None if full is None else full.reached(limits)

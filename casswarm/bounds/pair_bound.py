@@ -46,7 +46,8 @@ class PairBound:
     Parameters
     ----------
     value : float
-        No policy exceeds it, with or without limits of acceleration.
+        No policy exceeds it: of any acceleration, or, if `initial_velocities` were given, within
+        the scenario's a_max.
     known : float
         The success probability that was given: policies that do not exceed it were not considered.
     reason : str
@@ -78,7 +79,8 @@ def pair_bound(
     """Proven upper bound of the optimal success probability of two members.
 
     It is optimal among all policies: with feedback, memory and randomisation. Limits of
-    acceleration are not taken into account.
+    acceleration are used only if `initial_velocities` is given, and then only through the positions
+    that members can reach.
 
     Parameters
     ----------
@@ -86,7 +88,9 @@ def pair_bound(
         Of two members.
     known : float
         Success probability of a policy. The better it is, the fewer states must be considered.
-        Acceleration need not be limited.
+        It need not respect a_max.
+    initial_velocities : (2, 2), optional
+        V(-1), in units of length per unit time; without it the bound holds for any acceleration.
     tolerance : float
         Difference of the bound and `known` at which to stop.
     max_nodes : int

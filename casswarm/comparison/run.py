@@ -223,7 +223,7 @@ def compare(
         Number of problems of every kind in a named family; each has its own default.
     copies : int
         Number of perturbed copies of every problem, solved beside the problem itself: other
-        initial guesses, orders and units, of which answers should not depend. See
+        initial guesses, orders and units, on which answers should not depend. See
         `casswarm.comparison.perturbation`. The time grows with 1 + copies: none by default, 2 to 5
         for results to be published.
     seed : int
@@ -252,8 +252,8 @@ def compare(
     Raises
     ------
     ComparisonError
-        An unknown family, solvers or problems of the same name, or no solver that is applicable to
-        any of the problems.
+        An unknown family, solvers or problems of the same name, a time limit or number of copies
+        out of range, or no solver that is applicable to any of the problems.
     CheckpointError
         The folder holds a comparison with other inputs, or an unfinished one.
     SolverError
@@ -267,7 +267,7 @@ def compare(
     time_limit, progress, checkpoint, if_exists = values
     seed, progress = require_seed(seed), reporter(progress)
     if not time_limit > 0:
-        message = f"time_limit = {time_limit!r}; allowed: above zero"
+        message = f"time_limit = {time_limit!r}; allowed: seconds above 0"
         raise ComparisonError(message, key="time_limit", value=time_limit)
     if not isinstance(copies, Integral) or copies < 0:
         message = f"copies = {copies!r}; allowed: whole numbers from 0"
@@ -410,4 +410,4 @@ def _require_distinct(kind: str, names: Sequence[str], advice: str = "") -> None
         message = f"{kind}s of the same name: {', '.join(repeated)}{advice}"
         raise ComparisonError(message, **{kind: repeated[0]})
     if not names:
-        raise ComparisonError(f"no {kind} given", key=f"{kind}s")
+        raise ComparisonError(f"no {kind} given; name at least one", key=f"{kind}s")

@@ -1,6 +1,6 @@
 """Swarms of a scenario that advance together, each in a run of its own.
 
-Potential-based shaping of rewards by the certified risk to go.
+Rewards can be shaped by a potential, from the certified risk to go.
 
 With w_t(x) the lower bound of the risk to go of a single agent (`casswarm.bounds`), the
 potential of a state is the probability that one of the living would arrive if each were alone and

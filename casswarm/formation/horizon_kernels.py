@@ -52,7 +52,7 @@ REGULARISATIONS = 30  # attempts to make the Newton matrix positive definite
 class Problem(NamedTuple):
     """A state's problem: the displacements y of its k active members within their limits.
 
-    Fields that are not described are those of the problem in `face_newton_kernels`.
+    Fields that are not described are those of `face_kernels.Problem`.
 
     Parameters
     ----------

@@ -300,8 +300,9 @@ class Relaxation:
     def rates_below(self, east: FloatArray, north: FloatArray, spacing: float) -> FloatArray | None:
         """Node values as of `Hazard.single_agent_rates_below`, below `rates`.
 
-        phi is concave and nondecreasing, so that I phi(v) <= phi(I v) <= phi(b) for I v <= b, if
-        all v are at least 0; otherwise it is taken of the least rates around each node.
+        With phi = `least`, b the single-agent rate, v its node values and I their bilinear
+        interpolation: I v <= b, and phi is concave and nondecreasing, so that I phi(v) <= phi(I v)
+        <= phi(b) if all v are at least 0. Otherwise v are lower bounds over the cells around nodes.
         """
         below = self.hazard.single_agent_rates_below(east, north, spacing)
         if below is None or self.least is None:

@@ -299,7 +299,7 @@ class Multistart:
 
     def _report(self, name: str, detail: str = "") -> None:
         if self.progress is not None:
-            self.progress(f"optimizing {_described(name)}{detail}", 0, None)
+            self.progress(f"optimising {_described(name)}{detail}", 0, None)
 
     def _report_solve(self, name: str, arrival: int, number: str) -> None:
         """Report a solve that may take more than a second: not one by Ipopt of a usual length."""

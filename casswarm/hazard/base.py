@@ -213,7 +213,7 @@ class Hazard(ABC):
         """Lower bounds of the rates of two members, as values at nodes; None if none are known.
 
         The optimal value of two members is certified for hazards that provide them: see
-        `casswarm.bounds.PairValueFunction`.
+        `casswarm.bounds.pair_bound`.
 
         Parameters
         ----------

@@ -282,7 +282,7 @@ class JointSearch:
             if self.progress is not None:
                 count = f"{len(part)} initial guesses"
                 names = part[0].name if len(part) == 1 else count
-                self.progress(f"optimizing {names}", 0, None)
+                self.progress(f"optimising {names}", 0, None)
             outcomes += problem.solve(part, self.solvers[stage])
         self.outcomes += outcomes
         self._live += outcomes
@@ -338,10 +338,11 @@ def plan_swarm(
         up to 6 members, and with a limited-memory Hessian beyond.
     initial_guesses : sequence of str
         Of ``"formations"`` along a single agent's homotopy classes, ``"own"`` paths of the members
-        (for swarms of at most 10), and ``"perturbed"``: changes and perturbations of the best plan.
+        (for swarms of at most 10), ``"waves"``: straight lines with random waves (for at most 8
+        members), and ``"perturbed"``: changes and perturbations of the best plan.
         Those with the least exact cost are optimised, and the best of them to the end.
     seed : int
-        Of the random perturbations; everything else is deterministic.
+        Of the random waves and perturbations, from 0 to 2^64 - 1; all else is deterministic.
     min_distance : float, optional
         Minimum distance of any two members at every step after the first.
     guide : Guide, optional
@@ -376,7 +377,7 @@ def plan_swarm(
     ScenarioError
         Members that are closer to each other than `min_distance` from the start.
     ValueError
-        A distance or time limit out of range.
+        A distance, time limit or seed out of range.
     TypeError
         A value that is given plainly and in a record, or is none of these.
     """

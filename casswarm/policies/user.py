@@ -188,7 +188,7 @@ def as_policy(
         raise PolicyError(
             f"{policy!r} is not a policy: expected a name, a function of (step, positions, "
             "previous_velocities, alive), or an object with such a method called velocities",
-            policy=policy,
+            policy=repr(policy),
         )
     return UserPolicy(function, name or _name_of(policy))
 

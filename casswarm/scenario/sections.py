@@ -476,7 +476,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
                 f"scenario '{data['name']}' cannot be saved: hazard.kind is a function that a file "
                 f"cannot name as 'module:function': {error}; move it into a module",
                 key="hazard.kind",
-                value=hazard["kind"],
+                value=repr(hazard["kind"]),
             ) from None
         data = {**data, "hazard": {**hazard, "kind": kind}}
     return _escaped(_SCALARS.sub(_on_one_line, tomli_w.dumps(data)))

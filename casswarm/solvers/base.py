@@ -1,6 +1,4 @@
-"""Interface of all solvers, and the verification of their answers.
-
-Validation of a solver's options by the annotations of its fields.
+"""Interface of all solvers: options are checked when a solver is made, answers when it ends.
 
 A field that is annotated with one of the types below, with any ``Annotated[type, Allowed(...)]``
 or with a ``Literal`` is checked when the solver is made.
@@ -218,9 +216,9 @@ class Capabilities:
 class Solver(ABC):
     """Base of all solvers: a frozen dataclass of options that can be shared, hashed and pickled.
 
-    A subclass overrides `run`, and `prepare` if it compiles problems. Options whose annotations
-    state what is allowed (see `casswarm.solvers.base`) are checked when the solver
-    is made.
+    A subclass overrides `run`, and `prepare` if it compiles problems. Options that
+    are annotated with `Allowed`, an alias of it such as `Positive`, or a ``Literal`` are checked
+    when the solver is made.
     """
 
     name: ClassVar[str]
@@ -347,7 +345,10 @@ class Solver(ABC):
                 return failed(instances, message)
             return [self._run_each(nlp, instances[i : i + 1])[0] for i in range(len(instances))]
         if len(answers) != len(instances):
-            message = f"{self.name} gave {len(answers)} answers for {len(instances)} tasks"
+            message = (
+                f"{self.name} gave {len(answers)} answers for {len(instances)} instances; run has "
+                "to return one Answer for each, in order"
+            )
             counts = {"value": len(answers), "expected": len(instances)}
             raise SolverError(message, solver=self.name, **counts)
         return answers

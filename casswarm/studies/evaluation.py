@@ -35,7 +35,7 @@ from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import FloatArray, Interval
-from .inputs import PosedStudy, policy_list, policy_name
+from .inputs import PosedStudy, policy_list, policy_name, require_runs
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -186,9 +186,7 @@ def estimate(
         As in `evaluate`; fewer than one run, or a seed out of range.
     """
     require_scenario("estimate", scenario)
-    if runs < 1:
-        raise ValueError(f"runs = {runs}; allowed: whole numbers from 1")
-    seed = require_seed(seed)
+    runs, seed = require_runs("runs", runs), require_seed(seed)
     values = given_values("estimate", accuracy, execution, plain=plain, **EXACT, progress=None)
     tolerance, max_states, aggregation_tol, progress = values
     options = replace(
@@ -238,7 +236,7 @@ def _expansion(
     if len(names) > 1:
         raise PolicyError(
             f"one policy is evaluated at a time, not {len(names)}: {', '.join(names)}; call "
-            "evaluate for each of them",
+            "the function for each of them",
             policies=names,
         )
     posed = PosedStudy.of(scenario, listed, *others)
@@ -512,6 +510,8 @@ def optimal_value(
     ------
     PlanningError
         Another number of members, or a hazard without bounds of the rates of two members.
+    ValueError
+        A tolerance or time limit that is negative or NaN.
 
     Examples
     --------
@@ -524,6 +524,9 @@ def optimal_value(
     """
     require_scenario("optimal_value", scenario)
     require_pair(scenario)
+    for name, value in (("tolerance", tolerance), ("time_limit", time_limit)):
+        if not value >= 0:
+            raise ValueError(f"{name} = {value}; allowed: numbers from 0")
     started = time.monotonic()
     guide = plan(scenario, certify=False) if guide is None else guide
     velocities = initial_velocities(scenario, guide)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 from .._util.user_code import code_hash
@@ -105,7 +106,7 @@ def policy_list(policies: Any) -> list[Any]:
             policy=repeated[0],
         )
     if not names:
-        raise PolicyError("no policy given")
+        raise PolicyError("no policy given; name at least one, such as 'leader'")
     for policy in listed:
         if isinstance(policy, str):
             require_policy_name(policy)
@@ -135,3 +136,10 @@ def study_inputs(
         "code": {name: found for name, found in hashes.items() if found},
         "casswarm": version("casswarm"),
     }
+
+
+def require_runs(name: str, value: object) -> int:
+    """The value as a number of runs; ValueError if it is none."""
+    if not isinstance(value, Integral) or value < 1:
+        raise ValueError(f"{name} = {value}; allowed: whole numbers from 1")
+    return int(value)

@@ -26,7 +26,7 @@ from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import Progress
-from .inputs import PosedStudy, study_inputs
+from .inputs import PosedStudy, require_runs, study_inputs
 from .tables import paired_table, run_table, summarise
 
 if TYPE_CHECKING:
@@ -262,7 +262,7 @@ def simulate(
     True
     """
     require_scenario("simulate", scenario)
-    seed, runs = require_seed(seed), _require_runs("runs", runs)
+    seed, runs = require_seed(seed), require_runs("runs", runs)
     given = plain if workers is None else {**plain, "workers": workers}
     values = given_values("simulate", execution, plain=given, workers=1, **SAVED)
     workers, progress, checkpoint, if_exists = values
@@ -331,15 +331,9 @@ def runs_needed(
     require_scenario("runs_needed", scenario)
     if not 0 < half_width < 0.5:
         raise ValueError(f"half_width = {half_width}; allowed: between 0 and 0.5")
-    seed, pilot = require_seed(seed), _require_runs("pilot", pilot)
+    seed, pilot = require_seed(seed), require_runs("pilot", pilot)
     posed = PosedStudy.of(scenario, policies, guide, solver)
     chain = Chain(scenario, posed.velocities, seed, Purpose.PILOT)
     runs = [chain.run(repeated(policy), 0, pilot) for policy in posed.policies]
     successes = [int((part.arrival >= 0).sum()) for part in runs]
     return max(required_runs(half_width, number, pilot) for number in successes)
-
-
-def _require_runs(name: str, value: object) -> int:
-    if not isinstance(value, Integral) or value < 1:
-        raise ValueError(f"{name} = {value}; allowed: whole numbers from 1")
-    return int(value)

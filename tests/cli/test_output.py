@@ -92,13 +92,13 @@ def test_drawing_is_one_line_elsewhere(capsys):
 def test_task_that_takes_long_says_for_how_long(monkeypatch, capsys):
     monkeypatch.setattr(module, "_LONG", 0.4)
     with progress_report(quiet=False) as report:
-        report("optimizing straight line", 0, None)
+        report("optimising straight line", 0, None)
         time.sleep(1.3)
         report("drawing figures", 8, 8)
         time.sleep(1.0)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "optimizing straight line"
-    assert re.fullmatch(r"optimizing straight line: \d s so far", lines[1])
+    assert lines[0] == "optimising straight line"
+    assert re.fullmatch(r"optimising straight line: \d s so far", lines[1])
     assert lines[-1] == "drawing figures: 8"
     assert len(lines) <= 4
 
@@ -118,7 +118,7 @@ def test_general_solver_reports_every_solve_with_its_number():
     scenario, reported = csw.load_scenario("single-agent").with_values({"time.dt": 1.0}), []
     csw.plan(scenario, "sqp", certify=False, progress=lambda task, *_: reported.append(task))
     solves = [task for task in reported if "by sqp" in task]
-    assert solves[0].startswith("optimizing straight line, solve 1 of ")
+    assert solves[0].startswith("optimising straight line, solve 1 of ")
     guide = csw.plan(scenario, certify=False, progress=lambda task, *_: reported.append(task))
     assert len(solves) == len(guide.candidates)
     assert not any("by ipopt" in task for task in reported)

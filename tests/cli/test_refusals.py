@@ -215,6 +215,6 @@ def test_wrong_input_is_explained_with_exit_code_2(folder, line, message):
     before = contents(folder)
     done = casswarm(folder, *shlex.split(line), code=2)
     assert message in done.stderr
-    assert ("optimizing" in done.stderr) == (line in PLANNED_FIRST)
+    assert ("optimising" in done.stderr) == (line in PLANNED_FIRST)
     assert not done.stdout
     assert contents(folder) == before

@@ -180,7 +180,7 @@ def test_plan_search_argument_overrides_scenario() -> None:
     tasks: set[str] = set()
     guide = plan(scenario, search="local", progress=lambda task, *_: tasks.add(task.split(" (")[0]))
     assert {c.start for c in guide.candidates} == {"straight"}
-    assert tasks == {"optimizing straight line", "proving a lower bound"}
+    assert tasks == {"optimising straight line", "proving a lower bound"}
 
 
 def test_plan_candidates_cover_homotopy_classes() -> None:

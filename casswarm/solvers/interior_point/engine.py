@@ -36,7 +36,7 @@ _INFEASIBLE = "the constraints may be infeasible"
 
 def minimise(problems: Problems, instances: Instances, options: Options, width: int) -> Results:
     """Solve every instance, at most `width` at the same time."""
-    results, wrong = Results.empty(instances), wrong_bounds(instances)
+    results, wrong = Results.empty(instances, options.max_iter), wrong_bounds(instances)
     for row, message in wrong.items():
         results.end(np.array([row]), Status.FAILED, message)
     waiting = np.setdiff1d(np.arange(len(instances)), list(wrong))

@@ -347,7 +347,7 @@ class Results:
     evaluations: IntArray
 
     @classmethod
-    def empty(cls, instances: Instances) -> Results:
+    def empty(cls, instances: Instances, max_iter: int) -> Results:
         """Before the first iteration."""
         size = len(instances)
         return cls(
@@ -355,7 +355,7 @@ class Results:
             np.zeros_like(instances.x0),
             np.zeros_like(instances.lbg),
             [Status.ITERATION_LIMIT] * size,
-            ["maximum number of iterations"] * size,
+            [f"not solved in max_iter = {max_iter} iterations; allow more"] * size,
             np.zeros(size, np.int64),
             np.ones(size, np.int64),
         )

@@ -58,7 +58,7 @@ def verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling)
     claimed = np.array([status.success for status in results.status], dtype=bool)
     faults = {
         "a residual is not finite": ~np.isfinite(objective + stationarity + violation),
-        "a constraint is violated by more than 1e-06": violation > VIOLATION,
+        f"a constraint is violated by more than {VIOLATION:g}": violation > VIOLATION,
         "the point is not stationary": relative > STATIONARITY,
     }
     messages = np.array(
