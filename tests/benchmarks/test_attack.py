@@ -22,20 +22,28 @@ def attack(monkeypatch: pytest.MonkeyPatch) -> Any:
         del sys.modules[name]
 
 
-SLOW = [("joint", 10, 1), ("risk", 20, 10), ("success", 100, 50), ("images", 20, 10)]
-CLAIMS = [("risk", 11, 1), ("success", 21, 4)]
-CLAIMS += [(claim, 10, 1) for claim in ("enumeration", "limits", "files")]
+CLIMBED, PAIRS = "success, climbed plans", "success, pairs"
+SLOW = [("joint", 10, 1, ""), ("risk", 20, 10, ""), ("success", 100, 50, PAIRS)]
+SLOW += [("images", 20, 10, "")]
+CLAIMS = [("risk", 11, 1, ""), ("success", 21, 3, PAIRS), ("success", 109, 1, CLIMBED)]
+CLAIMS += [("success", 111, 1, PAIRS), ("success", 113, 1, CLIMBED)]
+CLAIMS += [(claim, 10, 1, "") for claim in ("enumeration", "limits", "files")]
 
 
 @pytest.mark.parametrize(
-    ("claim", "seed", "draws"),
+    ("claim", "seed", "draws", "part"),
     [*CLAIMS, *(pytest.param(*row, marks=pytest.mark.slow) for row in SLOW)],
 )
-def test_claim_on_fixed_draws_holds(attack: Any, claim: str, seed: int, draws: int) -> None:
+def test_claim_on_fixed_draws_holds(
+    attack: Any, claim: str, seed: int, draws: int, part: str
+) -> None:
     record = attack.search([claim], seed=seed, draws=draws)[claim]
     assert record.draws == draws
     assert sum(tally.checks for tally in record.parts.values()) > 0
     assert record.violations == 0
+    assert not part or record.parts[part].checks > 0
+    if part and draws > 10:  # the bounds are not just 1
+        assert min(record.parts[name].worst for name in (CLIMBED, PAIRS)) > -0.1
 
 
 def test_false_claims_are_found(

@@ -237,6 +237,19 @@ def test_bound_above_least_risk_is_not_proven() -> None:
 # --- the whole bound
 
 
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=3, deadline=None)
+def test_bound_is_below_guides_and_random_paths(seed: int) -> None:
+    scenario = geometry(seed, limited=True)
+    guide = plan(scenario, certify=False, check=False)
+    if not guide.arrives:
+        return
+    result = bounded(scenario, guide.risk, deadline=time.monotonic() + 0.5)
+    found = risks(scenario, random_paths(scenario, 2000, seed))
+    known = [guide.risk, *(each.risk for each in guide.best_per_homotopy_class())]
+    assert result.bound <= min(*known, found.min(initial=math.inf))
+
+
 def test_bound_never_decreases_and_stays_below_risk() -> None:
     scenario = agent((5.0, 2.0), TWO, 12, swarm__a_max=0.1)
     risk = plan(scenario, certify=False).risk

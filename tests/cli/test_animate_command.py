@@ -198,8 +198,9 @@ def test_player_with_frames_between_steps_counts_steps(tmp_path):
     assert outcome["wide"] <= 0
 
 
-def test_animate_with_html_writes_one_file(folder, tmp_path):
-    options = ("--policy", "naive", "--dpi", 40, "--quiet", "--out", "run.html")
+@pytest.mark.parametrize("html", [(), ("--html",)])
+def test_animate_with_html_writes_one_file(folder, tmp_path, html):
+    options = (*html, "--policy", "naive", "--dpi", 40, "--quiet", "--out", "run.html")
     assert casswarm(tmp_path, "animate", folder, *options).stdout == "run.html\n"
     text = (tmp_path / "run.html").read_text()
     assert references(text) == []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from small_scenarios import Array, rate_by_hand
-from window_cases import DT, GOAL, HAZARD, MOTION, RADARS, RHO, leaders_of, window
+from window_cases import DT, GOAL, HAZARD, MOTION, RADARS, RHO, leaders_of
 
 from casswarm import SaturationCollision, Status, load_scenario, make_solver
 from casswarm.formation import Formation, corridor_formation, leader_formation
@@ -19,8 +19,14 @@ EXACT = ["ipopt", "auto"]
 
 
 def swarm(batch: int, n: int, seed: int, spread: float = 0.35, deaths: float = 0.3) -> Step:
-    """States of members that move to the goal, some of them destroyed."""
-    return window(batch, n, 1, seed, spread, deaths)
+    """States of members that move in any direction to the goal, some of them destroyed."""
+    rng = np.random.default_rng(seed)
+    alive = rng.random((batch, n)) >= deaths
+    alive[:, 0] |= ~alive.any(axis=1)
+    before = rng.uniform(-1.9, 1.9, (batch, n, 2))
+    positions = GOAL - DT * before + rng.normal(0, spread, (batch, n, 2))
+    living = alive[..., None]
+    return Step(HAZARD, MOTION, positions * living, before * living, alive, GOAL[None])
 
 
 def velocities(formation: Formation, solver: str = "ipopt") -> Array:
@@ -154,6 +160,19 @@ def test_corridor_solution_has_least_total_rate(n: int, solver: str) -> None:
         least = HAZARD.rates(X + DT * found[b]).sum()
         assert least <= brute + 1e-7
         assert least == pytest.approx(brute, rel=2e-2)  # feasible, so not far below either
+
+
+def test_projected_gradient_converges_to_ipopt_solution() -> None:
+    step = swarm(8, 3, seed=7, spread=0.2)
+    for formation in both(step, leaders_of(step)):
+        nlp, instances = formation.nlp, formation.instances[formation.free.any(axis=1)]
+        exact = make_solver("ipopt").solve(nlp, instances)
+        paper = make_solver("projected-gradient", step=0.5).solve(nlp, instances)  # 0.05 is slow
+        pairs = [(e, p) for e, p in zip(exact, paper, strict=True) if p.status is Status.SOLVED]
+        assert len(pairs) >= 4
+        for e, p in pairs:
+            assert p.objective == pytest.approx(e.objective, rel=1e-6)
+            np.testing.assert_allclose(p.x, e.x, atol=2e-3)
 
 
 @pytest.mark.parametrize("hazard", ["saturation", "collision"])

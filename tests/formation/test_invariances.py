@@ -43,7 +43,7 @@ METHODS = {
     "horizon": Method(Auto(), window(6, 5, 3, seed=13), 1e-4, 1e-7),
 }
 IMAGES: dict[str, dict[str, Any]] = {
-    "order": {"reverse": True},
+    "order": {"roll": 2},
     "turned": {"matrix": np.array([[0.0, 1.0], [-1.0, 0.0]])},
     "mirrored": {"matrix": np.diag([1.0, -1.0])},
     "shifted": {"shift": np.array([-7.0, 3.0])},
@@ -57,11 +57,12 @@ def image(
     shift: Array | float = 0.0,
     length: float = 1.0,
     risk: float = 1.0,
-    reverse: bool = False,
+    roll: int = 0,
 ) -> Step:
-    """The same states with other axes, another origin, in other units, or in reverse order."""
+    """The same states with other axes, another origin, in other units, or in another order."""
     turn = length * (np.eye(2) if matrix is None else matrix)
-    order, hazard, motion = slice(None, None, -1 if reverse else 1), step.hazard, step.motion
+    hazard, motion = step.hazard, step.motion
+    order = np.roll(np.arange(step.alive.shape[1]), roll)
     assert isinstance(hazard, Saturation)
     rates = replace(
         hazard,
@@ -93,8 +94,8 @@ def test_velocities_of_image_are_image_of_velocities(method: str, name: str) -> 
     solver, step, atol, _, rho = METHODS[method]
     seen, leaders = image(step, **IMAGES[name]), leaders_of(step)
     length = IMAGES[name].get("length", 1.0)
-    order = slice(None, None, -1 if "reverse" in IMAGES[name] else 1)
-    moved = step.alive.shape[1] - 1 - leaders if "reverse" in IMAGES[name] else leaders
+    n, roll = step.alive.shape[1], IMAGES[name].get("roll", 0)
+    order, moved = np.roll(np.arange(n), roll), (leaders + roll) % n
     pairs = zip(problems(step, leaders, rho), problems(seen, moved, rho * length**2), strict=True)
     for here, there in pairs:
         found, again = applied_decision(step, here, solver), applied_decision(seen, there, solver)

@@ -21,8 +21,8 @@ from casswarm.problems import JointTask
 VELOCITY = (1.0, 0.2)
 
 
-def random_scenario(seed: int, n: int, radars: int = 2, spread: float = 0.4) -> Scenario:
-    positions = around(np.random.default_rng(seed), n, spread)
+def random_scenario(seed: int, n: int, radars: int = 2) -> Scenario:
+    positions = around(np.random.default_rng(seed), n, 0.4)
     return small(positions, (2.0, 0.3), BESIDE[:radars], 6, swarm__velocity=VELOCITY)
 
 
@@ -51,12 +51,14 @@ def test_initial_guesses_of_image_are_images_of_guesses(turn: int) -> None:
         np.testing.assert_array_equal(other.velocities, guess.velocities[:, order] @ matrix.T)
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from([-1.0, 1.0]))
-@example(941, 1.0)  # 0.576 and 0.529 with starts in fixed directions
+@given(st.integers(0, 2**32 - 1))
+@example(941)  # 0.576 and 0.529 with starts in fixed directions
 @settings(max_examples=2, deadline=None)
-def test_plan_swarm_value_is_invariant_under_symmetries(seed: int, mirror: float) -> None:
+def test_plan_swarm_value_is_invariant_under_symmetries(seed: int) -> None:
     """A quarter turn and a mirror keep the speed limit's square."""
-    matrix, scenario = SYMMETRIES[1] @ np.diag([1.0, mirror]), random_scenario(seed, 2, spread=0.3)
+    rng = np.random.default_rng(seed)  # the mirror is drawn first: so 941 is the scenario above
+    matrix = SYMMETRIES[1] @ np.diag([1.0, rng.choice([-1.0, 1.0])])
+    scenario = small(around(rng, 2, 0.3), (2.0, 0.3), BESIDE, 6, swarm__velocity=VELOCITY)
     pair = scenario, image(scenario, matrix, [1, 0])
     first, second = (plan_swarm(each, initial_guesses=["formations"]) for each in pair)
     np.testing.assert_array_equal(first.velocities[:, ::-1] @ matrix.T, second.velocities)

@@ -127,6 +127,18 @@ def test_single_agent_distribution_matches_feedback_guide() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_decision_far_from_plans_is_independent_of_batch_and_order(name: str) -> None:
+    state, order = states(30, 2), [2, 0, 3, 1]
+    whole = policy(name).decide(3, *state)
+    for rows in (slice(0, 1), slice(7, 20)):
+        part = policy(name).decide(3, *(each[rows] for each in state))
+        np.testing.assert_array_equal(part.velocities, whole.velocities[rows])
+        np.testing.assert_array_equal(part.infeasible, whole.infeasible[rows])
+    turned = policy(name).velocities(3, *(each[:, order] for each in state))
+    np.testing.assert_allclose(turned, whole.velocities[:, order], atol=1e-4)
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_lead_agent_is_alive_and_reaches_best_next_point(name: str) -> None:
     positions, previous_velocities, alive = states(200, 3)
     first, goals = policy(name).lead_agents(2, positions, previous_velocities, alive)
