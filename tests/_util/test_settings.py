@@ -80,7 +80,7 @@ def test_value_that_is_given_twice_is_named(name: str) -> None:
 def test_unknown_value_is_named_with_those_allowed(name: str) -> None:
     with pytest.raises(TypeError, match=f"{name} takes no 'tolerence'; allowed: "):
         CALLS[name](tolerence=0.1)
-    if name not in ("compare", "plan_swarm", "success_gradient"):
+    if name not in ("compare", "plan", "plan_swarm", "success_gradient"):
         limited = csw.Execution(time_limit=1.0)
         with pytest.raises(TypeError, match=f"{name} takes no 'time_limit'"):
             CALLS[name](execution=limited)

@@ -15,7 +15,7 @@ PNG = b"\x89PNG\r\n\x1a\n"  # first bytes of a PNG file
 SIMULATION = ("simulate", "paper-1", "--runs", 40, "--seed", 5)
 SMALL_SIMULATION = ("simulate", "single-agent", "--runs", 5, "--policy", "naive")
 
-_TIMEOUT, _PROGRAM_TIMEOUT = 300, 900  # seconds
+_TIMEOUT = 300  # seconds
 
 
 def python(*arguments, code=0, folder=None, timeout=_TIMEOUT, **environment):
@@ -59,14 +59,16 @@ def casswarm(folder, *arguments, code=0, failing=()):
 
 def casswarm_program(folder, *arguments, code=0):
     """The same by the installed program, in a process that has imported nothing."""
-    return _program(CASSWARM, *arguments, folder=folder, code=code, PYTHONWARNINGS="error")
-
-
-def python(*arguments, folder=None, code=0, **environment):
-    """The same of Python, with warnings as errors."""
-    return _program(
-        sys.executable, "-W", "error", *arguments, folder=folder, code=code, **environment
+    done = subprocess.run(
+        [CASSWARM, *map(str, arguments)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=_TIMEOUT,
+        env=os.environ | {"PYTHONWARNINGS": "error"},
+        check=False,
     )
+    return _checked(done, code)
 
 
 def contents(folder):
@@ -77,19 +79,6 @@ def contents(folder):
 def with_hazard(text, lines):
     """Text of a scenario whose section of the hazard has these lines."""
     return re.sub(r"\[hazard\].*?\[guide\]", f"[hazard]\n{lines}\n\n[guide]", text, flags=re.DOTALL)
-
-
-def _program(*command, folder, code, **environment):
-    done = subprocess.run(
-        list(map(str, command)),
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=_PROGRAM_TIMEOUT,
-        env=os.environ | environment,
-        check=False,
-    )
-    return _checked(done, code)
 
 
 def _checked(done, code):
