@@ -26,7 +26,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("casswarm", "cli", "problems")
-REACHED, GROWTH = 29_384, 1.03
+REACHED, GROWTH = 29_058, 1.03
 KERNEL_TEXT = re.compile(r"(^|\n)(@\w*kernel\n|@objective\n|def \w+\()")
 UNUSUAL = {"__init__", "__main__", "base"}
 

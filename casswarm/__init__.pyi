@@ -6,6 +6,7 @@ from .chain.distribution import Estimate, OutcomeDistribution
 from .comparison import Comparison, Problem, Tolerances, compare, read_problems
 from .errors import (
     CasswarmError,
+    CasswarmWarning,
     CheckpointError,
     ComparisonError,
     EnvError,
@@ -50,6 +51,7 @@ __all__ = [
     "Accuracy",
     "Candidate",
     "CasswarmError",
+    "CasswarmWarning",
     "Certificate",
     "CheckpointError",
     "Comparison",

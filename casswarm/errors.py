@@ -52,6 +52,10 @@ class CasswarmError(Exception):
         self.__dict__.update(values)
 
 
+class CasswarmWarning(UserWarning):
+    """A result that holds less than was asked for; the message says why, and what would help."""
+
+
 class ScenarioError(CasswarmError, ValueError):
     """An invalid scenario; the message names the file, every invalid key and its allowed values.
 

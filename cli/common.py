@@ -26,7 +26,14 @@ from ..errors import (
     WorkerError,
 )
 from .options import PolicyOptions, ResultOptions, ScenarioInput, StudyOptions
-from .output import ProgressReport, open_folder, print_result, progress_report, say
+from .output import (
+    ProgressReport,
+    open_folder,
+    print_result,
+    progress_report,
+    said_warnings,
+    say,
+)
 
 if TYPE_CHECKING:
     from ..results.catalogue import FigureCatalogue
@@ -124,7 +131,7 @@ class Work:
         progress: ProgressReport | None,
     ) -> None:
         self._output, self._saved, self.progress = output, saved, progress
-        self._failures: list[str] = []
+        self.failures: list[str] = []
         self._interrupted, self._undrawn = False, True
 
     def open(
@@ -155,11 +162,11 @@ class Work:
             return compute()
         except KeyboardInterrupt:
             self._interrupted = True
-            self._failures.append(f"interrupted during {what}")
+            self.failures.append(f"interrupted during {what}")
         except Exception as error:
             reason = " ".join(str(error).split())
             kind = type(error).__name__
-            self._failures.append(f"{what} failed ({f'{kind}: {reason}' if reason else kind})")
+            self.failures.append(f"{what} failed ({f'{kind}: {reason}' if reason else kind})")
         return None
 
     def draw(self, catalogue: Callable[[], FigureCatalogue] | None = None) -> None:
@@ -184,10 +191,10 @@ class Work:
     def finish(self, text: str) -> None:
         """Print the result, and raise a Failure if something failed after the work."""
         print_result(self.folder, text, self._output)
-        if self._failures:
+        if self.failures:
             advice = f"; casswarm plot {self.folder.path} draws the figures"
             raise Failure(
-                f"{'; '.join(self._failures)}: the tables and run.json in {self.folder.path} are "
+                f"{'; '.join(self.failures)}: the tables and run.json in {self.folder.path} are "
                 f"complete{advice if self._undrawn else ''}"
             )
 
@@ -195,7 +202,11 @@ class Work:
 @contextmanager
 def work(output: ResultOptions, resume: str = "continue with --resume") -> Iterator[Work]:
     """Work with errors and progress reported; `resume` says how an interrupted study goes on."""
-    with reported_errors(resume) as saved, progress_report(output.quiet) as progress:
+    with (
+        reported_errors(resume) as saved,
+        said_warnings(),
+        progress_report(output.quiet) as progress,
+    ):
         yield Work(output, saved, progress)
 
 
@@ -209,8 +220,10 @@ def load(common: ScenarioInput, values: Mapping[str, Any] | None = None) -> csw.
     scenario = csw.load_scenario(common.scenario, allow_code=common.allow_code)
     if not changes:
         return scenario
-    changed = scenario.with_values(changes)
     from ..scenario.model import doubts
+    from ..scenario.variations import with_parameters
+
+    changed = with_parameters(scenario, changes)
 
     for text in doubts(changed):
         if text not in doubts(scenario):

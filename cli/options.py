@@ -214,7 +214,7 @@ class ScenarioInput:
     scenario: str = scenario_argument()
     settings: tuple[str, ...] = option(
         "Set a value of the scenario, such as --set formation.rho=0.1, written as in a scenario "
-        "file. Repeatable.",
+        "file, or the number of members, n, or the spacing of their positions. Repeatable.",
         "--set",
         metavar="KEY=VALUE",
     )

@@ -7,6 +7,7 @@ import sys
 import textwrap
 import threading
 import time
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -67,6 +68,25 @@ def say(text: str, quiet: bool = False) -> None:
     """Print a line on standard error."""
     if not quiet:
         click.echo(printable(text), err=True)
+
+
+@contextmanager
+def said_warnings() -> Iterator[None]:
+    """Print casswarm's warnings as lines on standard error, each once."""
+    shown, said = warnings.showwarning, set[str]()
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        text = str(message)
+        if not issubclass(category, csw.CasswarmWarning):
+            shown(message, category, *place, **more)
+        elif text not in said:
+            said.add(text)
+            say(f"warning: {text}")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", csw.CasswarmWarning)
+        warnings.showwarning = show
+        yield
 
 
 def open_folder(

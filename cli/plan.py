@@ -218,6 +218,8 @@ def plan(
         objects = partial(_write_objects, folder, guide, baseline, costs)
         job.attempt("writing what the figures need", objects)
         job.draw()
+        if guide.failed:
+            job.failures.append("no solve succeeded")
         job.finish(plan_text(chosen, guide, baseline))
 
 

@@ -107,13 +107,14 @@ def animate(animation: AnimationOptions) -> None:
     Examples:
       casswarm animate results/simulate-paper-1
       casswarm animate results/simulate-paper-1 --policy constrained --run 3
-      casswarm animate results/simulate-paper-1 --html --out run.html
+      casswarm animate results/simulate-paper-1 --out run.html
     """
-    suffix = ".html" if animation.html else ".gif"
     out = animation.out
+    html = animation.html or (out is not None and out.suffix.lower() == ".html")
+    suffix = ".html" if html else ".gif"
     if out is not None and out.suffix.lower() != suffix:
-        kind = "a page, --html" if animation.html else "a GIF; --html writes a page"
-        raise WrongInput(f"--out {out}: the name must end in {suffix}, since this is {kind}")
+        expected = ".html, since --html writes a page" if html else ".gif, or .html for a page"
+        raise WrongInput(f"--out {out}: the name must end in {expected}")
     with reported_errors(), progress_report(animation.quiet) as progress:
         from ..figures import animate as make_animation
         from ..figures import player, save_gif
@@ -127,7 +128,7 @@ def animate(animation: AnimationOptions) -> None:
         )
         file = out or animation.folder / f"animation-{name}-{animation.run}{suffix}"
         target = ResultsFolder.create("animate", None, file.parent)
-        if animation.html:
+        if html:
             page = player(movie, animation.dpi, title=title, page=True, progress=progress)
             target.write_file(file.name, page)
         else:

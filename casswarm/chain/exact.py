@@ -352,7 +352,7 @@ class _Masses:
         """
         after = np.append(self.sums[::-1].cumsum()[::-1], 0.0)[1:]  # in the bins after each
         allowed = int((self.counts.cumsum() <= limit).sum()) - 1
-        last = min(int((after <= share).argmax()), allowed)
+        last = min(int((after <= max(share, 0.0)).argmax()), allowed)  # of the last bin it is 0
         return last, float(after[last]) if last >= 0 else float(self.sums.sum())
 
 

@@ -70,7 +70,8 @@ class SwarmBatch:
 
     The run k of a seed sees the random numbers of the run k of `casswarm.simulate` with this seed.
     Parameters are those of `SwarmVectorEnv`. `swarms` are the states, `moves` and `ends` how they
-    moved last, and how their last step ended.
+    moved last, and how their last step ended; `potentials` (B,) are those of the states, zeros
+    without shaping.
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class SwarmBatch:
         self.ends = step_kernels.Ends(
             success=np.zeros(self.size, bool), ended=np.ones(self.size, bool), survivors=counts[1]
         )
-        self._potentials: FloatArray = np.zeros(self.size)
+        self.potentials: FloatArray = np.zeros(self.size)
         self._work = np.empty((1, 10)), np.empty(n)
 
     @cached_property
@@ -178,16 +179,16 @@ class SwarmBatch:
         step_kernels.advance(active, swarms, moves, limits, draws, self.ends)
         rewards = (self.ends.success & active).astype(np.float64)
         if self._table is not None:
-            before = self._potentials.copy()
+            before = self.potentials.copy()
             self._write_potentials()
-            rewards[active] += (self.discount * self._potentials - before)[active]
+            rewards[active] += (self.discount * self.potentials - before)[active]
         return rewards
 
     def _write_potentials(self) -> None:
         if self._table is not None:
             swarms = self.swarms
             state = swarms.steps, swarms.positions, swarms.alive, self.ends.ended
-            step_kernels.write_potentials(self._table, *state, self._potentials)
+            step_kernels.write_potentials(self._table, *state, self.potentials)
 
     def _write_rates(self, active: BoolArray) -> None:
         """Write the rates where the active swarms move."""

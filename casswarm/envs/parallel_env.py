@@ -22,7 +22,8 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
     """A swarm of agents "member_0", ..., "member_(n-1)", which leave `agents` when destroyed.
 
     Every agent receives the reward of the swarm for as long as it lives, in the step of its
-    destruction, too. All leave when the run ends.
+    destruction, too. All leave when the run ends. The potential of the shaping is 0 after an
+    agent's last step, so that every agent's discounted additions sum to -Phi of the initial state.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
         ended = {a: bool(terminated[0]) or not self._alive(a) for a in agents}
         result = (
             self._by_agent(observations[0]),
-            dict.fromkeys(agents, float(rewards[0])),
+            self._rewards(float(rewards[0]), ended),
             ended,
             dict.fromkeys(agents, False),
             self._infos(infos),
@@ -118,6 +119,12 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
                 )
             velocities[0, self.possible_agents.index(agent)] = value
         return velocities
+
+    def _rewards(self, reward: float, ended: dict[str, bool]) -> dict[str, float]:
+        """The swarm's reward, without the new potential for the agents that leave."""
+        batch = self.vector.batch
+        last = reward - batch.discount * float(batch.potentials[0])
+        return {agent: last if leaves else reward for agent, leaves in ended.items()}
 
     def _alive(self, agent: str) -> bool:
         alive = self.vector.batch.swarms.alive

@@ -6,15 +6,17 @@ Animations become GIF files, or players for browsers and notebooks, without othe
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from uuid import uuid4
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.animation import FuncAnimation
 from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
@@ -135,6 +137,30 @@ class RunFigure:
             self._draw_members(frame)
         return self.artists
 
+    def pictures(self, dpi: int) -> Iterator[Image.Image]:
+        """Pictures of all frames; what does not move is laid out and drawn once."""
+        figure, axes = self.figure, (self.map, self.closeup.axes)
+        figure.set_dpi(dpi)
+        canvas, axis = FigureCanvasAgg(figure), [axis for a in axes for axis in (a.xaxis, a.yaxis)]
+        with rc_context(self.settings):
+            self.show(0)
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+            moving = [*(part for a in axes for part in a.get_children() if part not in axis)]
+            _set_visible([*moving, self.heading], False)
+            canvas.draw()  # type: ignore[no-untyped-call]
+            _set_visible([*moving, self.heading], True)
+            _set_visible(axis, False)
+            background = canvas.copy_from_bbox(figure.bbox)  # type: ignore[no-untyped-call]
+            for frame in range(len(self.centers)):
+                self.show(frame)
+                canvas.restore_region(background)  # type: ignore[no-untyped-call]
+                for artist in (*axes, self.heading):
+                    figure.draw_artist(artist)
+                pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+                yield Image.fromarray(pixels[..., :3].copy())
+            _set_visible(axis, True)
+
     def _draw_members(self, frame: int) -> None:
         """Draw the members with their paths so far, those destroyed as crosses."""
         alive, leader = self.trajectory.alive[frame], leader_at(self.trajectory, frame)
@@ -157,6 +183,11 @@ class RunFigure:
         return f"{self.title}: {caption(frame // self.per_step, alive)}"
 
 
+def _set_visible(artists: Iterable[Artist], visible: bool) -> None:
+    for artist in artists:
+        artist.set_visible(visible)
+
+
 DPI = 110
 _PER_STEP = 3  # frames at most
 _SHORTEST = 40.0  # milliseconds of a frame
@@ -166,23 +197,49 @@ _LAST = 1500  # milliseconds for which a GIF shows the last one
 class RunAnimation(FuncAnimation):
     """Animation of a run, with several frames of every step."""
 
-    def __init__(self, *args: Any, frames_per_step: int, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.frames_per_step = frames_per_step
+    def __init__(self, shown: RunFigure, interval: float) -> None:
+        super().__init__(
+            shown.figure,
+            shown.show,
+            frames=len(shown.centers),
+            init_func=lambda: [],
+            interval=interval,
+            repeat_delay=_LAST,
+            cache_frame_data=False,
+        )
+        self.shown, self.interval = shown, round(interval)
+        self._draw_was_started = True  # matplotlib warns of animations that it has not drawn
+
+    def images(self, dpi: int, progress: Progress | None) -> Iterator[Image.Image]:
+        """Frames in one palette, so that files are small and the background is still."""
+        for frame, picture in enumerate(self.shown.pictures(dpi)):
+            if progress is not None:
+                progress("drawing frames", frame + 1, len(self.shown.centers))
+            yield picture.quantize(palette=_palette(), dither=Image.Dither.NONE)
 
     def _repr_html_(self) -> str:
         """Player, which a notebook shows."""
         return player(self)
 
 
+class Simulated(Protocol):
+    """What is animated of a study: `casswarm.Study` has it."""
+
+    scenario: Scenario
+    guide: Guide
+    trajectories: dict[str, tuple[RunTrajectory, ...]]
+
+
 def animate(
-    scenario: Scenario,
-    trajectory: RunTrajectory,
+    scenario: Scenario | Simulated,
+    trajectory: RunTrajectory | None = None,
     guide: Guide | None = None,
     *,
+    policy: str | None = None,
+    run: int = 0,
     title: str = "",
     steps_per_second: float = 4.0,
-) -> FuncAnimation:
+) -> RunAnimation:
     """Animate a run: positions, leaders, losses, and mutual protection.
 
     On the left a map of the hazard rate of an additional agent, given the positions of the members
@@ -192,55 +249,75 @@ def animate(
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Scenario or Study
+        A study has the trajectories and the guide.
     trajectory : RunTrajectory
-        For instance ``study.trajectories["leader"][0]``.
+        For instance ``study.trajectories["leader"][0]``; of a scenario only.
     guide : Guide, optional
         Drawn on the map; if the swarm follows it, the close-up is centred on it.
+    policy : str, optional
+        Policy of a study's run, by default the last one.
+    run : int
+        Index of a study's run, one of those whose trajectories were saved.
     title : str
-        By default the scenario's name.
+        By default the scenario's name, and the policy and run of a study.
     steps_per_second : float
 
     Returns
     -------
-    matplotlib.animation.FuncAnimation
-        A notebook shows it in a `player`, where a cell ends with it.
+    RunAnimation
+        A `matplotlib.animation.FuncAnimation`, which a notebook shows in a `player` where a cell
+        ends with it.
 
     Raises
     ------
     ValueError
-        `steps_per_second` is not positive.
+        `steps_per_second` is not positive; a study has no trajectory of the policy's run.
+    TypeError
+        A scenario without a trajectory, or a study with one.
+
+    Examples
+    --------
+    >>> import casswarm as csw
+    >>> study = csw.simulate(csw.load_scenario("single-agent"), "naive", runs=1)
+    >>> type(csw.animate(study)).__name__
+    'RunAnimation'
     """
+    if not isinstance(scenario, Scenario):
+        study, trajectories = scenario, scenario.trajectories
+        name = policy or list(trajectories)[-1]
+        saved = trajectories.get(name, ())
+        if trajectory is not None or guide is not None:
+            raise TypeError("a study has its trajectories and its guide: name a policy= and a run=")
+        if not 0 <= run < len(saved):
+            raise ValueError(
+                f"the study has no trajectory of run {run} of {name!r}; it has "
+                + ", ".join(f"{len(runs)} of {known!r}" for known, runs in trajectories.items())
+                + f": simulate(..., save_trajectories={run + 1}) saves it"
+            )
+        scenario, trajectory, guide = study.scenario, saved[run], study.guide
+        title = title or f"{scenario.name}, {name}, run {run}"
+    elif trajectory is None:
+        raise TypeError("animate a study, or a scenario with the trajectory of a run")
     if not steps_per_second > 0:
         raise ValueError(f"steps_per_second = {steps_per_second!r}; allowed: above 0")
     per_step = int(np.clip(1000.0 / (steps_per_second * _SHORTEST), 1, _PER_STEP))
     shown = RunFigure(scenario, trajectory, guide, title or scenario.name, per_step)
-    interval = 1000.0 / (steps_per_second * per_step)
-    return RunAnimation(
-        shown.figure,
-        shown.show,
-        frames=len(shown.trajectory.alive),
-        init_func=lambda: [],
-        interval=interval,
-        repeat_delay=_LAST,
-        cache_frame_data=False,
-        frames_per_step=per_step,
-    )
+    return RunAnimation(shown, 1000.0 / (steps_per_second * per_step))
 
 
 def save_gif(
-    animation: FuncAnimation, path: Path | str, dpi: int = DPI, progress: Progress | None = None
+    animation: RunAnimation, path: Path | str, dpi: int = DPI, progress: Progress | None = None
 ) -> Path:
     """Write an animation as a GIF that repeats, with a pause at the last frame."""
-    interval = _interval(animation)
-    first, *others = _images(animation, dpi, progress)
-    durations = [interval] * len(others) + [_LAST]
+    first, *others = animation.images(dpi, progress)
+    durations = [animation.interval] * len(others) + [_LAST]
     first.save(path, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
     return Path(path)
 
 
 def player(
-    animation: FuncAnimation,
+    animation: RunAnimation,
     dpi: int = DPI,
     *,
     title: str = "Run of a swarm",
@@ -253,7 +330,8 @@ def player(
 
     Parameters
     ----------
-    animation : FuncAnimation
+    animation : RunAnimation
+        As `animate` returns it.
     dpi : int
     title : str
         Name for screen readers.
@@ -262,7 +340,7 @@ def player(
         ``IPython.display.HTML`` in a notebook.
     progress : Progress, optional
     """
-    images = _images(animation, dpi, progress)
+    images = list(animation.images(dpi, progress))
     width, height = images[0].size
     return render(
         "player.html",
@@ -270,32 +348,17 @@ def player(
         title=title,
         page=page,
         frames=[_png_uri(image) for image in images],
-        interval=_interval(animation),
-        per_step=getattr(animation, "frames_per_step", 1),
+        interval=animation.interval,
+        per_step=animation.shown.per_step,
         width=width,
         height=height,
     )
-
-
-def _interval(animation: FuncAnimation) -> int:
-    """Milliseconds between frames."""
-    source: Any = animation.event_source
-    return int(source.interval)
 
 
 def _png_uri(image: Image.Image) -> str:
     buffer = io.BytesIO()
     image.save(buffer, "PNG", optimize=True)
     return data_uri(buffer.getvalue(), "image/png")
-
-
-class _Frames(PillowWriter):
-    """Writer that keeps the frames in memory."""
-
-    _frames: list[Image.Image]
-
-    def finish(self) -> None:
-        """Write no file."""
 
 
 @cache
@@ -313,18 +376,3 @@ def _palette() -> Image.Image:
     rows = np.vstack([*tints, np.repeat(greys[:, None], 3, axis=1)])
     palette.putpalette(rows.round().astype(int).ravel().tolist())
     return palette
-
-
-def _images(animation: FuncAnimation, dpi: int, progress: Progress | None) -> list[Image.Image]:
-    """Frames in one palette, so that files are small and the background is still."""
-    writer = _Frames()
-
-    def report(frame: int, total: int | None) -> None:
-        if progress is not None:
-            progress("drawing frames", frame + 1, total)
-
-    animation.save("not-written.gif", writer=writer, dpi=dpi, progress_callback=report)
-    return [
-        frame.convert("RGB").quantize(palette=_palette(), dither=Image.Dither.NONE)
-        for frame in writer._frames
-    ]

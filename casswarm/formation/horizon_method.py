@@ -74,6 +74,7 @@ class InteriorPoint(BatchSolver):
                 solver="barrier",
                 problem=nlp.name,
             )
+        instances.require_fit(nlp)
         # Numba takes a second to import
         from .horizon_kernels import Batch, Options, minimise_batch
         from .spectral_kernels import Starts

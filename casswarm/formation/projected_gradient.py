@@ -195,6 +195,7 @@ def _compiled_run(
     nlp: Nlp, instances: Instances, x0: FloatArray, method: Method, per_thread: int
 ) -> BatchRun:
     """Answers on products of sets from initial guesses (B, nx)."""
+    instances.require_fit(nlp)
     compiled = nlp.attached(CompiledObjective)
     assert compiled is not None
     assert isinstance(instances.feasible_set, PlanarSets)

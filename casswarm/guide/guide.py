@@ -12,7 +12,7 @@ from .._util.display import Displayed
 from .._util.numbers import rounded_up
 from ..hazard import Hazard
 from ..motion.kinematics import integrate
-from ..nlp.solution import Solution
+from ..nlp.solution import Solution, Status
 from ..problems.guide import GuideTask
 from ..typing import FloatArray, Search
 
@@ -90,7 +90,7 @@ class Guide(Displayed):
     search : {"local", "global"}
         Search that produced the guide; the naive policy plans its members' guides with the same.
     note : str
-        Why the search ended early; empty if it did not.
+        Why the search ended early, or why no solve succeeded; empty otherwise.
     """
 
     positions: FloatArray
@@ -138,6 +138,11 @@ class Guide(Displayed):
     def risk(self) -> float:
         """Sum over t = 1..T of dt lambda-bar(X(t))."""
         return float(self.dt * self.rates.sum())
+
+    @property
+    def failed(self) -> bool:
+        """True if no solve succeeded or ended at a limit: the path is no minimum of the risk."""
+        return self.solution.status in (Status.FAILED, Status.INFEASIBLE, Status.DIVERGED)
 
     @property
     def survival(self) -> float:

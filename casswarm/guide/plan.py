@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -23,7 +24,7 @@ from ..bounds import (
 )
 from ..bounds.acceleration_kernels import compile_kernels
 from ..bounds.risk_bound import GAP, Certificate, arrival_multiplier, certify
-from ..errors import PlanningError, SolverError
+from ..errors import CasswarmWarning, PlanningError, SolverError
 from ..formation import ProjectedGradient
 from ..grid.nodes import UNIT, Relaxation
 from ..motion.kinematics import integrate
@@ -208,6 +209,11 @@ def plan(
     TypeError
         A value that is given plainly and in a record, or is none of these.
 
+    Warns
+    -----
+    CasswarmWarning
+        No solve succeeded: the guide is a path that arrives, but no minimum. `Guide.note` says why.
+
     Examples
     --------
     >>> import casswarm as csw
@@ -238,6 +244,10 @@ def plan(
     )
     if check and not guide.arrives:
         raise _no_arrival(guide)
+    if guide.failed and not guide.note:
+        reason = f"{guide.solution.solver}: {guide.solution.message}"
+        guide = replace(guide, note=f"not a minimum: no solve succeeded ({reason})")
+        warnings.warn(guide.note, CasswarmWarning, stacklevel=2)
     if not (certify and guide.arrives) or guide.note:
         return guide
     if progress is not None:

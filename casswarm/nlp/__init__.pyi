@@ -1,7 +1,7 @@
 from .nl_reader import read_nl
 from .nl_writer import nl_text
 from .program import FeasibleSet, Instances, LagrangianHessian, Nlp
-from .residuals import kkt_residuals, relative_error
+from .residuals import invalid_value, kkt_residuals, relative_error
 from .solution import BatchSolution, Residuals, Solution, Status
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "Residuals",
     "Solution",
     "Status",
+    "invalid_value",
     "kkt_residuals",
     "nl_text",
     "read_nl",

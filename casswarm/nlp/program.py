@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._util.text import counted
 from .._util.threads import locked_property, one_at_a_time
 from ..errors import SolverError
 from ..typing import BoolArray, Expr, FloatArray
@@ -90,6 +91,9 @@ class Nlp:
         constraints = {"g": rows} if rows.numel() else {}
         return cls(name, {"x": variables}, blocks, objective, constraints, unroll=unroll)
 
+    def __repr__(self) -> str:
+        return f"Nlp({self.name!r}, {_described(self.sizes)})"
+
     @locked_property
     def x(self) -> Expr:
         """All variables, a column."""
@@ -168,11 +172,12 @@ class Nlp:
     @locked_property
     def row_names(self) -> tuple[str, ...]:
         """Name of every row of g, such as ``acceleration[3]``."""
-        return tuple(
-            f"{name}[{row}]"
-            for name, block in self.constraints.items()
-            for row in range(block.numel())
-        )
+        return _entry_names(self.constraints)
+
+    @locked_property
+    def variable_names(self) -> tuple[str, ...]:
+        """Name of every entry of x, such as ``positions[3]``."""
+        return _entry_names(self.variables)
 
     def pack_variables(self, **blocks: ArrayLike) -> FloatArray:
         """Variables of B instances, (B, nx), from arrays (B, c, r) or (c, r) by block."""
@@ -193,6 +198,15 @@ class Nlp:
     def variable(self, name: str, x: FloatArray) -> FloatArray:
         """Block of x with this name: (..., nx) to (..., c, r)."""
         return _unpack(self.variables, x)[name]
+
+
+def _entry_names(blocks: Mapping[str, Expr]) -> tuple[str, ...]:
+    return tuple(f"{name}[{i}]" for name, block in blocks.items() for i in range(block.numel()))
+
+
+def _described(sizes: tuple[int, int, int]) -> str:
+    nouns = "variable", "parameter", "constraint"
+    return ", ".join(map(counted, sizes, nouns))
 
 
 @one_at_a_time
@@ -240,6 +254,15 @@ def _unpack(blocks: Mapping[str, Expr], x: FloatArray) -> dict[str, FloatArray]:
     return {name: part.reshape(*x.shape[:-1], *block.shape[::-1]) for (name, block), part in parts}
 
 
+def _wrong_shape(name: str, shape: tuple[int, ...], expected: str) -> SolverError:
+    return SolverError(
+        f"{name} of the instances has shape {shape}; expected: {expected}",
+        key=name,
+        shape=shape,
+        expected=expected,
+    )
+
+
 class FeasibleSet(Protocol):
     """The sets of B instances, in a form that special solvers know.
 
@@ -274,6 +297,11 @@ class Instances:
     scale : (B, 2)
         A typical length of x and a typical value of f: what tolerances are relative to. Ones by
         default.
+
+    Raises
+    ------
+    SolverError
+        Arrays that do not have a row for each instance, or one for all of them.
     """
 
     x0: FloatArray
@@ -287,10 +315,29 @@ class Instances:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x0", np.asarray(self.x0, dtype=float))
-        batch = self.x0.shape[0]
-        for name in ("p", "lbx", "ubx", "lbg", "ubg", "scale"):
+        batch = self.x0.shape[:1]
+        for name in ("x0", *self._widths((0, 0, 0)), "scale"):
             array = np.asarray(getattr(self, name), dtype=float)
-            object.__setattr__(self, name, np.broadcast_to(array, (batch, array.shape[-1])))
+            rows = array.shape[:-1]
+            if not batch or array.ndim not in (1, 2) or rows not in ((), (1,), batch):
+                expected = f"({', '.join(map(str, batch or ('B',)))}, ...), a row for each instance"
+                raise _wrong_shape(name, array.shape, expected)
+            if rows != batch:
+                array = np.broadcast_to(array, (*batch, array.shape[-1]))
+            object.__setattr__(self, name, array)
+
+    @staticmethod
+    def _widths(sizes: tuple[int, int, int]) -> dict[str, int]:
+        """Numbers of columns of the arrays after x0 by name, for a program of these sizes."""
+        nx, n_parameters, ng = sizes
+        return {"p": n_parameters, "lbx": nx, "ubx": nx, "lbg": ng, "ubg": ng}
+
+    def require_fit(self, nlp: Nlp) -> None:
+        """Raise SolverError if an array has not the shape that a program needs."""
+        for name, width in {"x0": nlp.sizes[0], **self._widths(nlp.sizes)}.items():
+            shape, expected = getattr(self, name).shape, (len(self), width)
+            if shape != expected:
+                raise _wrong_shape(name, shape, f"{expected} for the program {nlp.name!r}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         # the constructor makes broadcast arrays read-only again
@@ -298,6 +345,10 @@ class Instances:
 
     def __len__(self) -> int:
         return int(self.x0.shape[0])
+
+    def __repr__(self) -> str:
+        sizes = self.x0.shape[1], self.p.shape[1], self.lbg.shape[1]
+        return f"Instances({len(self)} of {_described(sizes)})"
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> Instances:
         """Subset of the instances, selected by a slice, a mask or indices."""

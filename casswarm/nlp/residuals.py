@@ -113,6 +113,38 @@ def relative_error(
     return float(error)
 
 
+def invalid_value(nlp: Nlp, instance: Instances, x: FloatArray) -> str:
+    """Name of a function or derivative that is not finite, as text; empty if all are finite.
+
+    Parameters
+    ----------
+    nlp, instance
+        As in `kkt_residuals`.
+    x : (nx,)
+        If it is not finite itself, the instance's x0 takes its place.
+
+    Returns
+    -------
+    str
+        Such as "the derivative of the objective with respect to positions[3] is nan".
+    """
+    finite = bool(np.isfinite(x).all())
+    at, p = (x if finite else instance.x0[0]), instance.p[0]
+    where = "" if finite and (at != instance.x0[0]).any() else " at the initial guess"
+    rows = ("the objective", *(f"the constraint {name}" for name in nlp.row_names))
+    values = np.concatenate([np.asarray(value).ravel() for value in nlp.evaluate(at, p)])
+    if (invalid := np.flatnonzero(~np.isfinite(values))).size:
+        return f"{rows[invalid[0]]} is {values[invalid[0]]:g}{where}"
+    gradient = np.asarray(nlp.gradient(at, p)[1]).reshape(1, -1)
+    slopes = sparse.coo_array(sparse.vstack([gradient, nlp.jacobian(at, p).sparse()]))
+    if (entries := np.flatnonzero(~np.isfinite(slopes.data))).size:
+        first = entries[0]
+        row, variable = rows[slopes.row[first]], nlp.variable_names[slopes.col[first]]
+        value = slopes.data[first]
+        return f"the derivative of {row} with respect to {variable} is {value:g}{where}"
+    return ""
+
+
 class _Point(NamedTuple):
     """The functions of a problem at a point; rows are the bounds on x, then g."""
 

@@ -84,6 +84,14 @@ class Solution:
     build_seconds: float
     solve_seconds: float
 
+    def __repr__(self) -> str:
+        r = self.residuals
+        return (
+            f"Solution({str(self.status)!r}, solver={self.solver!r}, objective="
+            f"{self.objective:.6g}, violation={r.violation:.1e}, stationarity="
+            f"{r.stationarity:.1e}, x of shape {self.x.shape})"
+        )
+
     def __str__(self) -> str:
         r = self.residuals
         return (
@@ -133,6 +141,15 @@ class BatchSolution:
     used_fallback: BoolArray
     seconds: float
     messages: NDArray[np.object_]
+
+    def __repr__(self) -> str:
+        largest = self.violation.max(initial=0.0), self.stationarity[self.success].max(initial=0.0)
+        return (
+            f"BatchSolution({int(self.success.sum())} of {len(self.x)} solved, "
+            f"{int(self.used_fallback.sum())} by the fallback, violation<={largest[0]:.1e}, "
+            f"stationarity of the solved<={largest[1]:.1e}, x of shape {self.x.shape}, "
+            f"seconds={self.seconds:.3g})"
+        )
 
     @classmethod
     def from_solutions(cls, solutions: Sequence[Solution], scale: FloatArray) -> BatchSolution:

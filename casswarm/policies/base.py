@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any, ClassVar
 
 import numpy as np
@@ -71,8 +72,11 @@ def checked_state(
 ) -> States:
     """Positions and velocities (B, n, 2) and the living (B, n) of a state or a batch of states.
 
-    PolicyError refuses shapes that do not fit, and numbers of the living that are not finite.
+    PolicyError refuses shapes that do not fit, numbers of the living that are not finite, and steps
+    that are no whole numbers from 0.
     """
+    if not isinstance(step, Integral) or step < 0:
+        raise PolicyError(f"step = {step!r}; allowed: whole numbers from 0", key="step", value=step)
     x, v, living = np.asarray(positions, float), np.asarray(velocities, float), np.asarray(alive)
     shapes = [x.shape, v.shape, living.shape]
     if x.ndim not in (2, 3) or shapes != [x.shape, x.shape, x.shape[:-1]] or x.shape[-1] != 2:
@@ -197,7 +201,8 @@ class Policy(ABC):
         Raises
         ------
         PolicyError
-            Shapes that do not fit; living members whose positions or velocities are not finite.
+            Shapes that do not fit; living members whose positions or velocities are not finite; a
+            step that is no whole number from 0.
         PolicyCallError
             The policy is a user's and fails, or returns no `Decision`.
         """

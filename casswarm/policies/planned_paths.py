@@ -55,6 +55,7 @@ class NaivePolicy(Policy):
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
+        _require_members(self.name, "plan of separate guides", len(self.guides), alive)
         goals = np.stack([g.reference(step + 1) if g.arrives else g.center for g in self.guides])
         unplanned = np.array([not guide.arrives for guide in self.guides])
         velocities = self.motion.toward(positions, previous_velocities, goals)
@@ -62,6 +63,17 @@ class NaivePolicy(Policy):
         failures = (alive & unplanned).any(axis=1).astype(np.int64)
         velocities = np.where(alive[..., None], velocities, 0.0)
         return Decision(velocities, infeasible.sum(axis=1), failures, np.zeros_like(failures))
+
+
+def _require_members(policy: str, kind: str, n: int, alive: BoolArray) -> None:
+    if alive.shape[1] != n:
+        raise PolicyError(
+            f"this {kind} is for {n} members, the swarm has {alive.shape[1]}: make a plan for this "
+            "scenario",
+            policy=policy,
+            expected=n,
+            members=alive.shape[1],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,14 +110,7 @@ class JointPolicy(Policy):
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
         steps, n = self.planned_velocities.shape[:2]
-        if alive.shape[1] != n:
-            raise PolicyError(
-                f"this joint plan is for {n} members, the swarm has {alive.shape[1]}: make a plan "
-                "for this scenario",
-                policy=self.name,
-                expected=n,
-                members=alive.shape[1],
-            )
+        _require_members(self.name, "joint plan", n, alive)
         goals = np.broadcast_to(self.planned_positions[min(step + 1, steps)], positions.shape)
         velocities = self.motion.toward(positions, previous_velocities, goals)
         if step < steps:

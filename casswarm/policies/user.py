@@ -101,9 +101,10 @@ class _RepeatedPolicy(_WrappedPolicy):
             at = np.unravel_index(difference.argmax(), difference.shape)[:2]
             text = (
                 f"answers the same state differently at step {step}: the velocity of member "
-                f"{at[1]} is {given[at]}, then {other[at]}; exact distributions need a policy that "
-                "depends on nothing but the state (no randomness, no memory, no other states of "
-                "the batch): simulate accepts this one, or seed its generator from the state"
+                f"{at[1]} is {given[at]}, then {other[at]}; runs in equal states share one answer, "
+                "so a policy must depend on nothing but the state (no randomness, no memory, no "
+                "other states of the batch); a random choice needs a generator that is seeded from "
+                "the state"
             )
             where = {"state": len(given) - 1 - int(at[0]), "member": int(at[1])}
             raise call_error(self.name, step, text, velocity=given[at], expected=other[at], **where)

@@ -55,6 +55,9 @@ _STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 de
 _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to rounding
 
 
+_PYDANTIC = frozenset(dir(BaseModel))
+
+
 class Table(BaseModel):
     """Base of the tables: immutable, without unknown keys, with errors in plain words."""
 
@@ -66,6 +69,10 @@ class Table(BaseModel):
         except (ValidationError, RecursionError) as error:
             headline = f"invalid {type(self).__name__}"
             raise scenario_error(headline, problems_of(error, type(self))) from None
+
+    def __dir__(self) -> list[str]:
+        """Names of the table's own: pydantic's, most of them deprecated, are not listed."""
+        return [name for name in super().__dir__() if name[0] == "_" or name not in _PYDANTIC]
 
     def __setattr__(self, name: str, value: object) -> None:
         if name.startswith("_"):

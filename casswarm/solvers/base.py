@@ -26,7 +26,7 @@ from .._util.interrupts import interruptible
 from .._util.user_code import USER_ERRORS
 from ..errors import CasswarmError, SolverError
 from ..nlp.program import Instances, Nlp
-from ..nlp.residuals import kkt_residuals
+from ..nlp.residuals import invalid_value, kkt_residuals
 from ..nlp.solution import BatchSolution, Solution, Status
 from ..typing import FloatArray, IntArray
 
@@ -278,7 +278,8 @@ class Solver(ABC):
         Raises
         ------
         SolverError
-            The backend cannot solve this kind of problem, or does not answer every instance.
+            Instances whose arrays do not fit the program, a kind of problem that the backend cannot
+            solve, or an instance that it does not answer.
         """
         with interruptible():  # CasADi's calls before and after a solve can lose an interrupt
             seconds, answers = self.timed_answers(nlp, instances)
@@ -296,6 +297,7 @@ class Solver(ABC):
 
         An exception of the backend becomes a failed answer.
         """
+        instances.require_fit(nlp)
         started = time.perf_counter()
         try:
             self.prepare(nlp)
@@ -313,11 +315,15 @@ class Solver(ABC):
             answer = failed(instance, f"gave x of shape {shape}: {answer.message}")[0]
         residuals = kkt_residuals(nlp, instance, answer.x, answer.multipliers)
         unverified = answer.status.success and not residuals.violation <= VIOLATION
+        message = answer.message
+        if not (answer.status.success or np.isfinite(residuals.stationarity)):
+            reason = invalid_value(nlp, instance, answer.x)
+            message = "; ".join(filter(None, [message, reason]))
         return Solution(
             x=answer.x,
             objective=float(nlp.evaluate(answer.x, instance.p[0])[0]),
             status=Status.FAILED if unverified else answer.status,
-            message=answer.message,
+            message=message,
             solver=self.name,
             residuals=residuals,
             iterations=answer.iterations,

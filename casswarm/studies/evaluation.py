@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 from typing_extensions import Unpack
 
-from .._util.numbers import require_seed
+from .._util.numbers import require_seed, rounded_up
 from .._util.progress import reporter
 from .._util.settings import (
     EXACT,
@@ -25,7 +26,7 @@ from ..chain.distribution import Estimate, OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, sample_residual
 from ..chain.gradient import success_and_gradient
 from ..chain.monte_carlo import Chain
-from ..errors import PolicyError
+from ..errors import CasswarmWarning, PolicyError
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
 from ..policies import make_policy
@@ -258,7 +259,8 @@ class SuccessGradient:
         Bounds of the probability that at least one member arrives alive, as of `evaluate`.
     objective : float
         The number that is differentiated, a lower bound of the success: the lower end of `success`
-        without smoothing of arrivals, and less with it.
+        without smoothing of arrivals, and less with it. Of all histories it is between this value
+        and `residual_mass` more.
     gradient : (p,)
         Derivatives of `objective` with respect to the parameters, the followed histories of losses
         being held fixed.
@@ -282,12 +284,27 @@ class SuccessGradient:
         """True if the bounds are as narrow as requested."""
         return self.residual_mass <= self.tolerance
 
+    @property
+    def advice(self) -> str:
+        """Advice on following more histories if fewer than requested were; empty otherwise."""
+        if self.complete:
+            return ""
+        return (
+            f"{self.states} states did not suffice for tolerance = {self.tolerance:g}: histories "
+            f"of probability {self.residual_mass:.3g} were left out, and the gradient is that of "
+            "the others; allow more states (max_states=), or a tolerance of "
+            f"{rounded_up(self.residual_mass, 4)} or more"
+        )
+
     def __repr__(self) -> str:
         low, high = self.success
         return (
             f"SuccessGradient(success=[{low:.6f}, {high:.6f}], objective={self.objective:.6f}, "
             f"parameters={len(self.gradient)}, states={self.states})"
         )
+
+    def __str__(self) -> str:
+        return repr(self) if self.complete else f"{self!r}; {self.advice}"
 
 
 def success_gradient(
@@ -334,7 +351,8 @@ def success_gradient(
         Values of `Accuracy`, in this record or as plain keywords:
 
         - `max_states`, the maximum number of distinct states that are followed, by default 200,000.
-          If that is too few for `tolerance`, the bounds are wider.
+          If that is too few for `tolerance`, the most probable histories are followed, the bounds
+          are wider, and a warning says so: see `SuccessGradient.advice`.
         - `aggregation_tol`, as in `evaluate`: the spacing of the lattice to which positions are
           rounded, so that nearly equal states coincide; the value is that of the rounded policy,
           and the rounding itself is not differentiated. By default 2^-36 v_max dt or as little as
@@ -356,6 +374,11 @@ def success_gradient(
         A tolerance outside [0, 1), fewer than one state, or a width outside [0, R].
     TypeError
         As in `evaluate`.
+
+    Warns
+    -----
+    CasswarmWarning
+        `max_states` did not suffice for the tolerance.
 
     Notes
     -----
@@ -404,7 +427,7 @@ def success_gradient(
     options = replace(options, lattice=posed.lattice(aggregation_tol))
     expansion = StateSpaceExpansion(scenario, policy, posed.velocities, options)
     objective, low, gradient, residual = success_and_gradient(expansion, policy, arrival_smoothing)
-    return SuccessGradient(
+    found = SuccessGradient(
         success=Interval(low, min(1.0, low + residual)),
         objective=objective,
         gradient=gradient,
@@ -412,6 +435,9 @@ def success_gradient(
         states=expansion.solved,
         tolerance=options.tolerance,
     )
+    if not found.complete:
+        warnings.warn(found.advice, CasswarmWarning, stacklevel=2)
+    return found
 
 
 def _require_fit(scenario: Scenario, policy: ParametricPolicy) -> None:

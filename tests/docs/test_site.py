@@ -27,7 +27,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     options = ("-q", "-W", "--keep-going", "-b", "html", "-D", "nb_execution_mode=off")
     places = ("-d", folder / "trees", "docs", folder / "html")
-    python("-m", "sphinx", *options, *places, folder=ROOT, timeout=None)
+    python("-W", "default", "-m", "sphinx", *options, *places, folder=ROOT)
     return folder / "html"
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from small_scenarios import patrolled, three_members
 
 import casswarm as csw
-from casswarm.envs import SwarmVectorEnv
+from casswarm.envs import SwarmParallelEnv, SwarmVectorEnv
 from casswarm.envs.batch import risk_table
 from casswarm.envs.step_kernels import risk_to_go, write_potentials
 from casswarm.grid import ValueFunction
@@ -56,6 +56,27 @@ def test_discounted_shaped_return_differs_by_the_initial_potential(discount: flo
                 env.reset(options={"reset_mask": ended})
     initial = potentials(SMALL, [0], [SMALL.positions], [[True] * 3])[0]
     np.testing.assert_allclose(differences, -initial, atol=1e-12)
+
+
+@given(st.sampled_from([0.9, 1.0]), st.integers(0, 10**6))
+def test_additions_to_every_agents_reward_sum_to_the_initial_potential(
+    discount: float, seed: int
+) -> None:
+    deadly = SMALL.with_values({"hazard.alpha_1": 40.0})
+    env = SwarmParallelEnv(deadly, shaping=True, discount=discount)
+    plain = SwarmParallelEnv(deadly)
+    env.reset(seed=seed)
+    plain.reset(seed=seed)
+    sums = dict.fromkeys(env.possible_agents, 0.0)
+    for step in range(deadly.n_steps):
+        actions = {agent: np.array([1.0, 0.2]) for agent in env.agents}
+        rewards, expected = env.step(actions)[1], plain.step(actions)[1]
+        for agent, reward in rewards.items():
+            sums[agent] += discount**step * (reward - expected[agent])
+        if not env.agents:
+            break
+    initial = potentials(deadly, [0], [deadly.positions], [[True] * 3])[0]
+    np.testing.assert_allclose(list(sums.values()), -initial, atol=1e-12)
 
 
 def test_risk_table_is_below_the_value_function() -> None:

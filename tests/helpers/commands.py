@@ -15,22 +15,7 @@ PNG = b"\x89PNG\r\n\x1a\n"  # first bytes of a PNG file
 SIMULATION = ("simulate", "paper-1", "--runs", 40, "--seed", 5)
 SMALL_SIMULATION = ("simulate", "single-agent", "--runs", 5, "--policy", "naive")
 
-_TIMEOUT = 300  # seconds
-
-
-def python(*arguments, code=0, folder=None, timeout=_TIMEOUT, **environment):
-    """Run Python in a process of its own, check its exit code (any if None), and return it."""
-    done = subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        cwd=folder,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
-    assert code is None or done.returncode == code, f"{done.stdout}\n{done.stderr}"
-    return done
+_TIMEOUT, _PROGRAM_TIMEOUT = 300, 900  # seconds
 
 
 def casswarm(folder, *arguments, code=0, failing=()):
@@ -59,16 +44,16 @@ def casswarm(folder, *arguments, code=0, failing=()):
 
 def casswarm_program(folder, *arguments, code=0):
     """The same by the installed program, in a process that has imported nothing."""
-    done = subprocess.run(
-        [CASSWARM, *map(str, arguments)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=_TIMEOUT,
-        env=os.environ | {"PYTHONWARNINGS": "error"},
-        check=False,
-    )
+    done = _program(CASSWARM, *arguments, folder=folder, PYTHONWARNINGS="error")
     return _checked(done, code)
+
+
+def python(*arguments, folder=None, code=0, timeout=_PROGRAM_TIMEOUT, **environment):
+    """Run Python, with warnings as errors, and check its exit code; any will do if it is None."""
+    command = sys.executable, "-W", "error", *arguments
+    done = _program(*command, folder=folder, timeout=timeout, **environment)
+    assert code is None or done.returncode == code, f"{done.stdout}\n{done.stderr}"
+    return done
 
 
 def contents(folder):
@@ -79,6 +64,18 @@ def contents(folder):
 def with_hazard(text, lines):
     """Text of a scenario whose section of the hazard has these lines."""
     return re.sub(r"\[hazard\].*?\[guide\]", f"[hazard]\n{lines}\n\n[guide]", text, flags=re.DOTALL)
+
+
+def _program(*command, folder, timeout=_TIMEOUT, **environment):
+    return subprocess.run(
+        list(map(str, command)),
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        env=os.environ | environment,
+        check=False,
+    )
 
 
 def _checked(done, code):

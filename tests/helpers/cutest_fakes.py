@@ -5,44 +5,47 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-import casadi as ca
 import numpy as np
-from hock_schittkowski import published
 from scipy.sparse import lil_matrix
 
 BIG = 1e20  # CUTEst's infinity
 
 
-NLP = published(71).nlp
-SECOND = ca.Function(
-    "second",
-    [NLP.x],
-    [ca.hessian(part, NLP.x)[0] for part in (NLP.objective, *ca.vertsplit(NLP.g))],
-)
-
-
 def f(x: Any) -> float:
-    return float(NLP.evaluate(x, [])[0])
+    return float(x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2])
 
 
 def gradient(x: Any) -> Any:
-    return np.asarray(NLP.gradient(x, [])[1]).ravel()
+    total = x[0] + x[1] + x[2]
+    ends = x[0] * x[3]
+    return np.array([x[3] * (total + x[0]), ends, ends + 1.0, x[0] * total])
 
 
 def hessian(x: Any) -> Any:
-    return np.array(SECOND(x)[0])
+    first, last, both = 2.0 * x[3], x[3], 2.0 * x[0] + x[1] + x[2]
+    return np.array(
+        [
+            [first, last, last, both],
+            [last, 0.0, 0.0, x[0]],
+            [last, 0.0, 0.0, x[0]],
+            [both, x[0], x[0], 0.0],
+        ]
+    )
 
 
 def rows(x: Any) -> Any:
-    return np.asarray(NLP.evaluate(x, [])[1]).ravel()
+    return np.array([np.prod(x), np.sum(np.square(x))])
 
 
 def jacobian(x: Any) -> Any:
-    return np.asarray(ca.densify(NLP.jacobian(x, [])))
+    return np.array([[np.prod(np.delete(x, i)) for i in range(4)], 2.0 * np.asarray(x)])
 
 
 def row_hessians(x: Any) -> list[Any]:
-    return [np.array(part) for part in SECOND(x)[1:]]
+    product = np.array(
+        [[0.0 if i == j else np.prod(np.delete(x, [i, j])) for j in range(4)] for i in range(4)]
+    )
+    return [product, 2.0 * np.eye(4)]
 
 
 class CUTEstProblem:

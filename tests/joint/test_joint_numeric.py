@@ -97,7 +97,7 @@ def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
     multipliers, none = rng.normal(size=batch.lbg.shape), np.zeros_like(batch.lbg)
     weights = np.hstack([np.zeros_like(batch.x0), none])
     terms = Condensation(multipliers.T.copy(), weights.T.copy())
-    odds = numeric.problems(batch.p).evaluate(rows, batch.x0.T.copy())[0]
+    odds = compiled(nlp, batch).evaluate(rows, batch.x0.T.copy())[0]
     assume(abs(odds).max() < 10)  # else 1 - F is rounding error
     eigenvalues = np.linalg.eigvalsh(casadis(nlp, batch).condensed(terms))
     assume((abs(eigenvalues) > 1e-6).all())

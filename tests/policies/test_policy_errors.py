@@ -284,3 +284,17 @@ def test_policy_within_its_time_limit_decides_as_without():
     assert (policy.leaders(0, *STATES) == -1).all()
     by_model = as_policy(lambda o: 0 * o[..., :2], SCENARIO, name="model", time_limit=60)
     assert by_model.velocities(0, *STATES).shape == (3, 3, 2)
+
+
+@pytest.mark.parametrize("step", [-1, 1.5, "2", None])
+def test_step_that_is_no_whole_number_from_0_is_refused(step):
+    state = np.zeros((4, 2)), np.zeros((4, 2)), np.ones(4, bool)
+    for name in ("naive", "leader", "leader-feedback"):
+        with pytest.raises(csw.PolicyError, match="allowed: whole numbers from 0") as caught:
+            policy(name).decide(step, *state)
+        assert (caught.value.key, caught.value.value) == ("step", step)
+
+
+def test_naive_policy_with_other_members_is_refused():
+    with pytest.raises(csw.PolicyError, match="separate guides is for 4 members, the swarm has 3"):
+        policy("naive").decide(0, np.zeros((3, 2)), np.zeros((3, 2)), np.ones(3, bool))

@@ -139,7 +139,8 @@ def test_isolated_in_script_without_main_guard_raises(tmp_path):
     (tmp_path / "study.py").write_text(
         "from casswarm.solvers import Ipopt, Isolated\nIsolated(Ipopt()).start()\n"
     )
-    done = python("study.py", folder=tmp_path, code=1)
+    done = python("study.py", folder=tmp_path, code=None)
+    assert done.returncode == 1
     assert "if __name__ == '__main__':" in done.stderr.splitlines()[-1]
 
 

@@ -107,10 +107,23 @@ def test_bounds_with_tolerance_hold_success():
         assert found.residual_mass <= tolerance
         assert found.complete
         assert found.success.low <= exact <= found.success.high
-    few = gradient(scenario, steered(scenario), max_states=20)
-    assert few.states <= 20
-    assert not few.complete
-    assert few.success.low <= exact <= few.success.high
+
+
+def test_bounds_and_gradient_of_exhausted_budget_are_those_of_probable_histories():
+    scenario = scene(4)
+    exact = gradient(scenario, steered(scenario))
+    assert exact.advice == ""
+    lows = []
+    for max_states in (20, 60, 120):
+        with pytest.warns(csw.CasswarmWarning, match=r"did not suffice for tolerance = 0.0001: .*"):
+            few = gradient(scenario, steered(scenario), tolerance=1e-4, max_states=max_states)
+        assert few.states <= max_states
+        assert not few.complete
+        assert few.advice in str(few)
+        assert 0.0 < few.objective == few.success.low <= exact.success.low <= few.success.high
+        assert (few.gradient != 0.0).any()
+        lows.append(few.success.low)
+    assert lows == sorted(lows)
 
 
 def test_gradient_with_tolerance_is_that_of_what_is_followed():

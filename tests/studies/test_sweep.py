@@ -139,7 +139,7 @@ def test_sweep_killed_twenty_times_loses_nothing(tmp_path: Path) -> None:
     printed = {}
     for kills in (20, 0):
         command = ("killed.py", "small.toml", f"folder-{kills}", kills, f"{kills}.csv")
-        printed[kills] = python(*command, folder=tmp_path, timeout=None, **slow).stdout
+        printed[kills] = python("-W", "default", *command, folder=tmp_path, **slow).stdout
     counts = [int(line) for line in printed[20].split()]
     assert counts == sorted(counts)
     assert len(set(counts)) > 3  # kills came in the middle of the work

@@ -197,6 +197,7 @@ class FilterInteriorPoint(Solver):
         Stationarity is the larger of the Lagrangian's gradient and of complementarity, in
         `Instances.scale`. `BatchSolution.used_fallback` marks those that the fallback solved.
         """
+        instances.require_fit(nlp)
         started = time.perf_counter()
         try:
             with interruptible():
