@@ -90,6 +90,24 @@ def test_plan_with_own_rates_names_the_missing_bound(own_rates):
     assert "not certified: the bound needs a lower bound of your rates" in text
 
 
+def test_plan_of_which_no_solve_succeeds_writes_its_tables_and_fails(own_rates):
+    (own_rates / "mine.py").write_text(
+        "import casadi as ca\n\n\ndef rate(positions, alive, strength):\n"
+        "    return strength + ca.sqrt(ca.fmax(-1 - positions[:, 0] ** 2, 0))\n"
+    )
+    done = casswarm(own_rates, "plan", "own.toml", "--allow-code", "--no-figures", code=1)
+    assert done.stderr.count("warning: not a minimum: no solve succeeded (ipopt: ") == 1
+    assert "Error: no solve succeeded: the tables and run.json in " in done.stderr
+    assert "with respect to positions[0] is nan" in " ".join(done.stdout.split())
+    assert (own_rates / "results" / "plan-single-agent" / "guide.csv").exists()
+
+
+@pytest.mark.parametrize(("setting", "members"), [("n=3", 3), ("spacing=0.2", 5)])
+def test_set_takes_derived_parameters(tmp_path, setting, members):
+    options = ("--set", setting, "--no-certify", "--no-figures")
+    assert f"paper-1: {members} members" in casswarm(tmp_path, "plan", "paper-1", *options).stdout
+
+
 @pytest.mark.slow
 def test_simulate_with_own_rates_on_two_workers_succeeds(own_rates):
     done = casswarm(own_rates, "simulate", "own.toml", "--allow-code", "--runs", 20, "--workers", 2)
