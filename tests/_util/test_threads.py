@@ -21,7 +21,7 @@ EIGHT_THREADS = Path(__file__).parents[1] / "helpers" / "eight_threads.py"
 
 
 def run_threads(repeats: int, seconds: int) -> None:
-    python(EIGHT_THREADS, repeats, seconds)
+    python(EIGHT_THREADS, repeats, seconds, timeout=None)
 
 
 @pytest.mark.slow

@@ -92,7 +92,8 @@ assert bracket.high <= float(csw.success_bound(barricade)), "the oracle of both"
 def test_notebook_supports_its_text(name: str, tmp_path: Path) -> None:
     # not as a script, which the processes of solvers would import and run again
     text = (NOTEBOOKS / f"{name}.py").read_text(encoding="utf-8")
-    python("-c", f"{text}\n{CLAIMS[name]}", folder=tmp_path, MPLBACKEND="agg")
+    program = f"{text}\n{CLAIMS[name]}"
+    python("-c", program, folder=tmp_path, timeout=None, MPLBACKEND="agg")
 
 
 def test_paper_notebook_runs(tmp_path: Path) -> None:

@@ -44,13 +44,16 @@ def casswarm(folder, *arguments, code=0, failing=()):
 
 def casswarm_program(folder, *arguments, code=0):
     """The same by the installed program, in a process that has imported nothing."""
-    return _program(CASSWARM, *arguments, folder=folder, code=code, PYTHONWARNINGS="error")
+    done = _program(CASSWARM, *arguments, folder=folder, PYTHONWARNINGS="error")
+    return _checked(done, code)
 
 
 def python(*arguments, folder=None, code=0, timeout=_PROGRAM_TIMEOUT, **environment):
-    """The same of Python, with warnings as errors; any exit code will do if it is None."""
+    """Run Python, with warnings as errors, and check its exit code; any will do if it is None."""
     command = sys.executable, "-W", "error", *arguments
-    return _program(*command, folder=folder, code=code, timeout=timeout, **environment)
+    done = _program(*command, folder=folder, timeout=timeout, **environment)
+    assert code is None or done.returncode == code, f"{done.stdout}\n{done.stderr}"
+    return done
 
 
 def contents(folder):
@@ -63,8 +66,8 @@ def with_hazard(text, lines):
     return re.sub(r"\[hazard\].*?\[guide\]", f"[hazard]\n{lines}\n\n[guide]", text, flags=re.DOTALL)
 
 
-def _program(*command, folder, code, timeout=_PROGRAM_TIMEOUT, **environment):
-    done = subprocess.run(
+def _program(*command, folder, timeout=_TIMEOUT, **environment):
+    return subprocess.run(
         list(map(str, command)),
         cwd=folder,
         capture_output=True,
@@ -73,13 +76,11 @@ def _program(*command, folder, code, timeout=_PROGRAM_TIMEOUT, **environment):
         env=os.environ | environment,
         check=False,
     )
-    return _checked(done, code)
 
 
 def _checked(done, code):
-    if code is not None:
-        assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
-        assert "Traceback" not in done.stderr, done.stderr
+    assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
+    assert "Traceback" not in done.stderr, done.stderr
     return done
 
 
