@@ -57,8 +57,8 @@ def python(*arguments, folder=None, code=0, timeout=_PROGRAM_TIMEOUT, **environm
 
 
 def contents(folder):
-    """Content of every file below a folder."""
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    """Content of every file below a folder, and its folders."""
+    return {path: path.is_file() and path.read_bytes() for path in folder.rglob("*")}
 
 
 def with_hazard(text, lines):
