@@ -265,7 +265,8 @@ class StateSpaceExpansion:
             move = self._solve(t, states)
             later = steps - 1 - t
             share = (self.options.tolerance - residual) / later if later else 1.0
-            limit = max(0, self.options.max_states - self.solved) // later if later else 0
+            left = max(0, self.options.max_states - self.solved)
+            limit = max(left // later, min(left, 1)) if later else 0
             step = move.step(states, absorption(move))
             probable, pruned = _probable_outcomes(step, _BEFORE_MERGING * share, _PER_STATE * limit)
             following, children = move.following(*probable).aggregated()

@@ -33,6 +33,7 @@ from .._util.figure_style import (
     scaled,
     settings,
     themed,
+    wrap,
 )
 from ..chain.monte_carlo import RunTrajectory
 from ..guide.guide import Guide
@@ -140,26 +141,34 @@ class RunFigure:
     def pictures(self, dpi: int) -> Iterator[Image.Image]:
         """Pictures of all frames; what does not move is laid out and drawn once."""
         figure, axes = self.figure, (self.map, self.closeup.axes)
-        figure.set_dpi(dpi)
+        before = figure.get_dpi(), figure.get_layout_engine(), figure.canvas
         canvas, axis = FigureCanvasAgg(figure), [axis for a in axes for axis in (a.xaxis, a.yaxis)]
-        with rc_context(self.settings):
-            self.show(0)
-            figure.draw_without_rendering()
-            figure.set_layout_engine("none")
-            moving = [*(part for a in axes for part in a.get_children() if part not in axis)]
-            _set_visible([*moving, self.heading], False)
-            canvas.draw()  # type: ignore[no-untyped-call]
-            _set_visible([*moving, self.heading], True)
+        moving: list[Artist] = [self.heading]
+        try:
+            figure.set_dpi(dpi)
+            with rc_context(self.settings):
+                self.show(0)
+                figure.draw_without_rendering()
+                figure.set_layout_engine("none")
+                moving += [part for a in axes for part in a.get_children() if part not in axis]
+                _set_visible(moving, False)
+                canvas.draw()  # type: ignore[no-untyped-call]
+                _set_visible(moving, True)
             _set_visible(axis, False)
             background = canvas.copy_from_bbox(figure.bbox)  # type: ignore[no-untyped-call]
             for frame in range(len(self.centers)):
-                self.show(frame)
                 canvas.restore_region(background)  # type: ignore[no-untyped-call]
-                for artist in (*axes, self.heading):
-                    figure.draw_artist(artist)
+                with rc_context(self.settings):
+                    self.show(frame)
+                    for artist in (*axes, self.heading):
+                        figure.draw_artist(artist)
                 pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
                 yield Image.fromarray(pixels[..., :3].copy())
-            _set_visible(axis, True)
+        finally:
+            _set_visible([*moving, *axis], True)
+            figure.set_dpi(before[0])
+            figure.set_layout_engine(before[1])
+            figure.set_canvas(before[2])
 
     def _draw_members(self, frame: int) -> None:
         """Draw the members with their paths so far, those destroyed as crosses."""
@@ -180,7 +189,7 @@ class RunFigure:
 
     def _heading(self, frame: int) -> str:
         alive = self.trajectory.alive[frame]
-        return f"{self.title}: {caption(frame // self.per_step, alive)}"
+        return wrap(f"{self.title}: {caption(frame // self.per_step, alive)}")
 
 
 def _set_visible(artists: Iterable[Artist], visible: bool) -> None:
@@ -284,21 +293,27 @@ def animate(
     'RunAnimation'
     """
     if not isinstance(scenario, Scenario):
+        if not hasattr(scenario, "trajectories"):
+            kind = type(scenario).__name__
+            raise TypeError(f"animate a study, or a scenario with a run's trajectory, not a {kind}")
         study, trajectories = scenario, scenario.trajectories
         name = policy or list(trajectories)[-1]
         saved = trajectories.get(name, ())
         if trajectory is not None or guide is not None:
             raise TypeError("a study has its trajectories and its guide: name a policy= and a run=")
         if not 0 <= run < len(saved):
+            has = ", ".join(f"{len(runs)} of {known!r}" for known, runs in trajectories.items())
+            advice = f": simulate(..., save_trajectories={run + 1}) saves it"
             raise ValueError(
-                f"the study has no trajectory of run {run} of {name!r}; it has "
-                + ", ".join(f"{len(runs)} of {known!r}" for known, runs in trajectories.items())
-                + f": simulate(..., save_trajectories={run + 1}) saves it"
+                f"the study has no trajectory of run {run} of {name!r}; it has those of {has}"
+                + advice * (name in trajectories and run >= 0)
             )
         scenario, trajectory, guide = study.scenario, saved[run], study.guide
         title = title or f"{scenario.name}, {name}, run {run}"
-    elif trajectory is None:
-        raise TypeError("animate a study, or a scenario with the trajectory of a run")
+    elif trajectory is None or policy is not None or run:
+        raise TypeError(
+            "animate a study, with policy= and run=, or a scenario with the trajectory of a run"
+        )
     if not steps_per_second > 0:
         raise ValueError(f"steps_per_second = {steps_per_second!r}; allowed: above 0")
     per_step = int(np.clip(1000.0 / (steps_per_second * _SHORTEST), 1, _PER_STEP))

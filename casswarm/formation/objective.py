@@ -79,7 +79,7 @@ def formation_program(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) 
 
 
 def formation_objective(hazard: Hazard, n: int) -> CompiledObjective | None:
-    """The compiled objective; its constants are the hazard's radars, strengths and parameters.
+    """The compiled objective; its constants are the hazard's parameters, then its radars.
 
     None for hazards that are not made of kernels, or of such as have no counterpart in Python.
     """

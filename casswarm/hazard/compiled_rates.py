@@ -29,7 +29,7 @@ class CompiledRates:
 
     n: int
     source: str  # text of the function, which all hazards of a class share
-    constants: FloatArray  # (s,), number of radars, positions and strengths, parameters
+    constants: FloatArray  # (s,), parameters, then position and strength of every radar
 
     def __call__(self, positions: FloatArray, alive: BoolArray, rates: FloatArray) -> bool:
         """Write the rates (B, n) of states (B, n, 2), (B, n), 0 for the destroyed.

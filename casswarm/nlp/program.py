@@ -249,6 +249,8 @@ def _pack(blocks: Mapping[str, Expr], arrays: Mapping[str, ArrayLike]) -> FloatA
 
 def _unpack(blocks: Mapping[str, Expr], x: FloatArray) -> dict[str, FloatArray]:
     """Arrays (..., c, r) of all blocks, from their entries (..., size)."""
+    if not blocks:
+        return {}
     ends = np.cumsum([block.numel() for block in blocks.values()])
     parts = zip(blocks.items(), np.split(x, ends[:-1], axis=-1), strict=True)
     return {name: part.reshape(*x.shape[:-1], *block.shape[::-1]) for (name, block), part in parts}
@@ -316,12 +318,13 @@ class Instances:
     def __post_init__(self) -> None:
         object.__setattr__(self, "x0", np.asarray(self.x0, dtype=float))
         batch = self.x0.shape[:1]
-        for name in ("x0", *self._widths((0, 0, 0)), "scale"):
+        for name in ("x0", *self._widths((0, 0, 0))):
             array = np.asarray(getattr(self, name), dtype=float)
             rows = array.shape[:-1]
-            if not batch or array.ndim not in (1, 2) or rows not in ((), (1,), batch):
-                expected = f"({', '.join(map(str, batch or ('B',)))}, ...), a row for each instance"
-                raise _wrong_shape(name, array.shape, expected)
+            shared = name != "x0" and array.ndim in (1, 2) and rows in ((), (1,))
+            if self.x0.ndim != 2 or not (shared or rows == batch):
+                count = batch[0] if self.x0.ndim == 2 else "B"
+                raise _wrong_shape(name, array.shape, f"({count}, ...), a row for each instance")
             if name != "x0":
                 array = np.broadcast_to(array, (*batch, array.shape[-1]))
             object.__setattr__(self, name, array)
@@ -330,7 +333,7 @@ class Instances:
     def _widths(sizes: tuple[int, int, int]) -> dict[str, int]:
         """Numbers of columns of the arrays after x0 by name, for a program of these sizes."""
         nx, n_parameters, ng = sizes
-        return {"p": n_parameters, "lbx": nx, "ubx": nx, "lbg": ng, "ubg": ng}
+        return {"p": n_parameters, "lbx": nx, "ubx": nx, "lbg": ng, "ubg": ng, "scale": 2}
 
     def require_fit(self, nlp: Nlp) -> None:
         """Raise SolverError if an array has not the shape that a program needs."""

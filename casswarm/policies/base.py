@@ -75,7 +75,7 @@ def checked_state(
     PolicyError refuses shapes that do not fit, numbers of the living that are not finite, and steps
     that are no whole numbers from 0.
     """
-    if not isinstance(step, Integral) or step < 0:
+    if not isinstance(step, Integral) or isinstance(step, bool) or step < 0:
         raise PolicyError(f"step = {step!r}; allowed: whole numbers from 0", key="step", value=step)
     x, v, living = np.asarray(positions, float), np.asarray(velocities, float), np.asarray(alive)
     shapes = [x.shape, v.shape, living.shape]

@@ -19,7 +19,7 @@ from .._util.threads import locked_cache, one_at_a_time
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import PolicyError
 from ..motion.step import Motion
-from ..solvers.interior_point.tape import MAX_ARGUMENTS, Calls, Tape, scalar
+from ..solvers.interior_point.tape import MAX_ARGUMENTS, Tape, scalar
 from ..typing import BoolArray, Expr, FloatArray, IntArray, States
 from .base import Decision, Policy, call_error, checked_velocities, policy_call
 
@@ -37,10 +37,10 @@ class BatchFunction:
     """A function of up to three columns, some of whose results are dense columns.
 
     Functions of scalar operations are evaluated by a compiled loop over them; others, such as those
-    that call external code, one entry of a batch at a time.
+    that call external code, by ``Function.map``.
     """
 
-    call: Tape | Calls
+    call: Callable[..., Sequence[FloatArray]]
 
     @classmethod
     @one_at_a_time
@@ -53,7 +53,7 @@ class BatchFunction:
         try:
             return cls(Tape.of(symbols, list(scalar(function).call(symbols))))
         except NotImplementedError:
-            return cls(Calls.of(list(arguments), dense))
+            return cls(_mapped(function))
 
     def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
         """Outputs (m, B) at arguments (k, B); at (k,), an argument is the same for all."""
@@ -68,6 +68,21 @@ class BatchFunction:
             )
             parts.append(self.call(*map(np.ascontiguousarray, columns)))
         return [np.concatenate(outputs, axis=1) for outputs in zip(*parts, strict=True)]
+
+
+def _mapped(function: Expr) -> Callable[..., list[FloatArray]]:
+    """Evaluation by ``Function.map``, of batches of up to `CHUNK` entries, built for few sizes."""
+    maps: dict[int, Expr] = {}
+
+    def call(*arguments: FloatArray) -> list[FloatArray]:
+        batch = arguments[0].shape[1]
+        size = min(CHUNK, 1 << max(0, batch - 1).bit_length())
+        if size not in maps:
+            maps[size] = one_at_a_time(function.map)(size)
+        padded = (np.pad(a, ((0, 0), (0, size - batch)), mode="edge") for a in arguments)
+        return [np.asarray(output)[:, :batch] for output in maps[size].call(list(padded))]
+
+    return call
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,7 +62,7 @@ def _with_members(scenario: Scenario, n: Any) -> FloatArray:
     The lattice has the spacing of the members, or the target's radius if there is no other.
     """
     positions = scenario.positions
-    if not (isinstance(n, int) and n >= 1):
+    if not (isinstance(n, int) and not isinstance(n, bool) and n >= 1):
         raise ScenarioError(f"n = {n!r}; allowed: whole numbers from 1", key="n", value=n)
     if n <= len(positions):
         return positions[:n]
@@ -85,7 +85,9 @@ def _with_members(scenario: Scenario, n: Any) -> FloatArray:
 def _with_spacing(scenario: Scenario, spacing: Any) -> FloatArray:
     """Positions scaled about their centroid."""
     positions = scenario.positions
-    if not (isinstance(spacing, (int, float)) and 0 < spacing < math.inf):
+    if isinstance(spacing, bool) or not (
+        isinstance(spacing, (int, float)) and 0 < spacing < math.inf
+    ):
         raise ScenarioError(
             f"spacing = {spacing!r}; allowed: finite numbers above 0", key="spacing", value=spacing
         )

@@ -21,6 +21,7 @@ from .._util.settings import (
     Keywords,
     given_values,
 )
+from .._util.text import counted
 from ..bounds import PairBound, pair_bound, require_pair
 from ..chain.distribution import Estimate, OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, sample_residual
@@ -287,11 +288,12 @@ class SuccessGradient:
         """Advice on following more histories if fewer than requested were; empty otherwise."""
         if self.complete:
             return ""
+        enough = rounded_up(self.residual_mass, 4)
         return (
-            f"{self.states} states did not suffice for tolerance = {self.tolerance:g}: histories "
-            f"of probability {self.residual_mass:.3g} were left out, and the gradient is that of "
-            "the others; allow more states (max_states=), or a tolerance of "
-            f"{rounded_up(self.residual_mass, 4)} or more"
+            f"{counted(self.states, 'state')} did not suffice for tolerance = {self.tolerance:g}: "
+            f"histories of probability {self.residual_mass:.3g} were left out, and the gradient is "
+            "that of the others; allow more states (max_states=)"
+            + (f", or a tolerance of {enough} or more" if enough < 1 else "")
         )
 
     def __repr__(self) -> str:

@@ -171,7 +171,7 @@ def test_risk_bound_is_within_fine_grid_bounds(radar: Point, target: Point, step
 
 
 def random_risks(scenario: Scenario, seed: int) -> Array:
-    """Risks up to the first arrival of random paths of any number of steps within the speed limit."""
+    """Risks up to the first arrival of random paths within the speed limit, of many lengths."""
     found: list[float] = []
     for T in range(scenario.n_steps, scenario.n_steps // 2, -2):
         paths = random_paths(scenario, 100, seed, T)[:, 1:]

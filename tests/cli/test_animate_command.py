@@ -233,14 +233,23 @@ def test_study_is_animated_by_policy_and_run():
             csw.animate(study, **options)
     with pytest.raises(TypeError, match="name a policy= and a run="):
         csw.animate(study, trajectory)
-    with pytest.raises(TypeError, match="with the trajectory of a run"):
-        csw.animate(SCENARIO)
+    for arguments, options in (((SCENARIO,), {}), ((SCENARIO, RUN), {"run": 1})):
+        with pytest.raises(TypeError, match="with the trajectory of a run"):
+            csw.animate(*arguments, **options)
+    with pytest.raises(TypeError, match="not a str"):
+        csw.animate("single-agent")
 
 
 def test_picture_equals_figure_that_is_drawn_as_a_whole():
     stage = RunFigure(SCENARIO, RUN, GUIDE, "mine")
+    before = stage.figure.get_dpi(), stage.figure.canvas
+    next(drawn := stage.pictures(60))
+    drawn.close()  # as after an interrupt
+    assert (stage.figure.get_dpi(), stage.figure.canvas) == before
+    assert stage.map.xaxis.get_visible()
     pictures = list(stage.pictures(60))
     stage.show(2)
+    stage.figure.set_dpi(60)
     canvas = FigureCanvasAgg(stage.figure)
     canvas.draw()
     difference = np.subtract(pictures[2], np.asarray(canvas.buffer_rgba())[..., :3], dtype=float)

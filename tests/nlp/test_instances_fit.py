@@ -20,6 +20,7 @@ ARRAYS = {
     "ubx": np.full((4, 2), 9.0),
     "lbg": np.full((4, 1), -9.0),
     "ubg": np.full((4, 1), 9.0),
+    "scale": np.ones((4, 2)),
 }
 
 
@@ -43,7 +44,11 @@ def test_array_of_wrong_width_is_refused(solver: str, name: str, surplus: int) -
 
 
 @pytest.mark.parametrize(
-    ("name", "shape"), [("p", (3, 3)), ("lbx", (4, 1, 2)), ("ubg", ()), ("x0", ()), ("p", (5, 3))]
+    ("name", "shape"),
+    [
+        *(("p", (3, 3)), ("lbx", (4, 1, 2)), ("ubg", ()), ("p", (5, 3)), ("scale", (3, 2))),
+        *(("x0", ()), ("x0", (2,))),
+    ],
 )
 def test_array_without_a_row_for_each_instance_is_refused(name: str, shape: Any) -> None:
     with pytest.raises(csw.SolverError, match=rf"{name} of the instances has shape .*; expected: "):

@@ -286,7 +286,7 @@ def test_policy_within_its_time_limit_decides_as_without():
     assert by_model.velocities(0, *STATES).shape == (3, 3, 2)
 
 
-@pytest.mark.parametrize("step", [-1, 1.5, "2", None])
+@pytest.mark.parametrize("step", [-1, 1.5, "2", None, True])
 def test_step_that_is_no_whole_number_from_0_is_refused(step):
     state = np.zeros((4, 2)), np.zeros((4, 2)), np.ones(4, bool)
     for name in ("naive", "leader", "leader-feedback"):
