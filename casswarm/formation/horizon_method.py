@@ -49,7 +49,7 @@ class InteriorPoint(BatchSolver):
     max_iter: PositiveInt = 200
     n_starts: PositiveInt | None = None
 
-    name: ClassVar[str] = "barrier"
+    name: ClassVar[str] = "horizon"
     summary: ClassVar[str] = "compiled interior point over batches; MPC formations only"
     capabilities: ClassVar[Capabilities] = Capabilities("paths", batch=True, multipliers=True)
 
@@ -69,9 +69,9 @@ class InteriorPoint(BatchSolver):
         """
         if not self.can_take(nlp, instances):
             raise SolverError(
-                f"barrier cannot take {nlp.name}: it needs paths within limits of speed and "
+                f"horizon cannot take {nlp.name}: it needs paths within limits of speed and "
                 "acceleration, and an objective made of kernels; take auto or ipopt",
-                solver="barrier",
+                solver="horizon",
                 problem=nlp.name,
             )
         instances.require_fit(nlp)
@@ -104,7 +104,7 @@ class InteriorPoint(BatchSolver):
         arguments = compiled.evaluate, data, starts, options, multipliers, results
         seconds = execute(minimise_batch, batch, arguments, _PER_THREAD)
         results.verified[:, 1] *= data.scale[:, 0]
-        results = results._replace(x=results.x.reshape(batch, -1))
+        results = results._replace(x=results.x.reshape(instances.x0.shape))
         return InteriorPointRun(results, seconds, nlp, instances, multipliers)
 
 

@@ -222,6 +222,14 @@ def paths_of(problem: Formation, data: Step) -> Array:
 # --- a horizon of one step
 
 
+@pytest.mark.parametrize("solver", [InteriorPoint(), AUTO])
+def test_empty_batch_of_horizons_has_empty_answer(solver: csw.Solver) -> None:
+    formation = leader_mpc_formation(data := window(2, 3, 3, seed=5), leaders_of(data))
+    found = solver.solve_batch(formation.nlp, formation.instances[:0])
+    assert found.x.shape == (0, formation.instances.x0.shape[1])
+    assert found.success.shape == (0,)
+
+
 @pytest.mark.parametrize("name", ["leader", "constrained"])
 def test_horizon_of_one_step_equals_one_step_policy(name: str) -> None:
     scenario = csw.load_scenario("paper-1")
