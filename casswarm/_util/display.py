@@ -22,15 +22,15 @@ class Displayed:
     nor figures.
     """
 
-    def plot(self, scenario: Any = None, *, theme: ThemeName = "page") -> Figure:
+    def plot(self, scenario: Any = None, *, theme: ThemeName | None = None) -> Figure:
         """Picture of the result.
 
         Parameters
         ----------
         scenario : Scenario, optional
             For a guide or a joint plan, which do not hold theirs: its hazard and target are drawn.
-        theme : {"page", "column", "slide"}
-            Size of the figure: see `casswarm.figures.theme`.
+        theme : {"page", "column", "slide"}, optional
+            Size of the figure: see `casswarm.figures.theme`; by default that of the context.
 
         Returns
         -------

@@ -6,6 +6,7 @@ context, `theme`, by default that of a page, and are saved at exactly its width.
 
 from __future__ import annotations
 
+import io
 import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -156,6 +157,15 @@ def single_panel(aspect: float | None = None, *title: str) -> tuple[Figure, Axes
     return fig, axes[0]
 
 
+class ShownFigure(Figure):
+    """Figure that notebooks show, also without matplotlib's inline backend."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
+
+
 def panels(
     number: int, columns: int, aspect: float | None = None, *title: str, **options: Any
 ) -> tuple[Figure, list[Axes]]:
@@ -165,7 +175,7 @@ def panels(
     """
     width = current_theme().width
     height = width * (current_theme().aspect if aspect is None else aspect)
-    fig = Figure(figsize=(width, height), layout="constrained")
+    fig = ShownFigure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(fig)
     add_title(fig, *title)
     rows = -(-number // columns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from functools import singledispatch
 from html import escape
 from typing import Any, NamedTuple
@@ -59,10 +60,10 @@ def html(result: object) -> str:
     )
 
 
-def figure(result: object, scenario: Scenario | None, size: ThemeName) -> Figure:
-    """Picture of a result in a theme; a guide's or joint plan's with their scenario, if given."""
+def figure(result: object, scenario: Scenario | None, size: ThemeName | None) -> Figure:
+    """Picture of a result, by default in the theme of the context; a guide's with its scenario."""
     shown = view(result)
-    with theme(size):
+    with nullcontext() if size is None else theme(size):
         return shown.picture(scenario)
 
 

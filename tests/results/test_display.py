@@ -8,6 +8,7 @@ import re
 from functools import cache
 
 import pytest
+from commands import PNG
 from matplotlib.figure import Figure
 
 import casswarm as csw
@@ -76,6 +77,9 @@ def test_plot_of_result_is_figure_of_theme(results, name):
         figure = results(name).plot(theme=theme)
         assert isinstance(figure, Figure)
         assert figure.get_figwidth() == size.width
+        with csw.figures.theme(theme):
+            assert results(name).plot().get_figwidth() == size.width
+    assert figure._repr_png_().startswith(PNG)  # without the backend of a notebook
 
 
 @pytest.mark.parametrize("name", ["Guide", "SwarmPlan"])
