@@ -156,7 +156,7 @@ def test_restoration_ends_where_the_violation_has_a_minimum() -> None:
     squares = Nlp("squares", {"x": nlp.x}, {}, nlp.x, {"g": nlp.x**2})
     (solution,) = SOLVER.solve(squares, one)
     assert solution.status is Status.FAILED
-    assert "violations cannot be reduced below 1" in solution.message
+    assert "violations was not reduced below 1" in solution.message
 
 
 def test_operations_that_are_not_scalar_are_evaluated_by_casadi() -> None:

@@ -100,7 +100,7 @@ def _restored(problems: Problems, stuck: Iterates, results: Results, options: Op
     results.iterations[stuck.rows] += iterations
     failed = stuck[~restored]
     for row, violation in zip(failed.rows, failed.violation, strict=True):
-        message = f"{_INFEASIBLE}: the sum of violations cannot be reduced below {violation:.3g}"
+        message = f"{_INFEASIBLE}: the sum of violations was not reduced below {violation:.3g}"
         results.end(row[None], Status.FAILED, message)
     results.keep(failed, np.zeros_like(failed.y))
     again = stuck[restored]
