@@ -62,11 +62,17 @@ def data_uri(data: bytes, media_type: str) -> str:
     return f"data:{media_type};base64,{base64.b64encode(data).decode()}"
 
 
-def figure_uri(figure: Figure, suffix: str = "png", **options: Any) -> str:
-    """Address that contains a drawn figure, PNG or SVG; options as for `Figure.savefig`."""
+def figure_bytes(figure: Figure, suffix: str = "png", **options: Any) -> bytes:
+    """Content of a file with a drawn figure; options as for `Figure.savefig`."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=suffix, **options)
-    return data_uri(buffer.getvalue(), {"png": "image/png", "svg": "image/svg+xml"}[suffix])
+    return buffer.getvalue()
+
+
+def figure_uri(figure: Figure, suffix: str = "png", **options: Any) -> str:
+    """Address that contains a drawn figure, PNG or SVG; options as for `Figure.savefig`."""
+    media_type = {"png": "image/png", "svg": "image/svg+xml"}[suffix]
+    return data_uri(figure_bytes(figure, suffix, **options), media_type)
 
 
 def json_text(content: Any) -> str:

@@ -6,7 +6,6 @@ context, `theme`, by default that of a page, and are saved at exactly its width.
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -25,6 +24,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
 
 from ..typing import ThemeName
+from .documents import figure_bytes
 
 P = ParamSpec("P")
 
@@ -161,9 +161,7 @@ class ShownFigure(Figure):
     """Figure that notebooks show, also without matplotlib's inline backend."""
 
     def _repr_png_(self) -> bytes:
-        buffer = io.BytesIO()
-        self.savefig(buffer, format="png")
-        return buffer.getvalue()
+        return figure_bytes(self)
 
 
 def panels(

@@ -296,19 +296,11 @@ def animate(
         if not hasattr(scenario, "trajectories"):
             kind = type(scenario).__name__
             raise TypeError(f"animate a study, or a scenario with a run's trajectory, not a {kind}")
-        study, trajectories = scenario, scenario.trajectories
-        name = policy or list(trajectories)[-1]
-        saved = trajectories.get(name, ())
         if trajectory is not None or guide is not None:
             raise TypeError("a study has its trajectories and its guide: name a policy= and a run=")
-        if not 0 <= run < len(saved):
-            has = ", ".join(f"{len(runs)} of {known!r}" for known, runs in trajectories.items())
-            advice = f": simulate(..., save_trajectories={run + 1}) saves it"
-            raise ValueError(
-                f"the study has no trajectory of run {run} of {name!r}; it has those of {has}"
-                + advice * (name in trajectories and run >= 0)
-            )
-        scenario, trajectory, guide = study.scenario, saved[run], study.guide
+        study = scenario
+        name, trajectory = _saved_run(study.trajectories, policy, run)
+        scenario, guide = study.scenario, study.guide
         title = title or f"{scenario.name}, {name}, run {run}"
     elif trajectory is None or policy is not None or run:
         raise TypeError(
@@ -319,6 +311,22 @@ def animate(
     per_step = int(np.clip(1000.0 / (steps_per_second * _SHORTEST), 1, _PER_STEP))
     shown = RunFigure(scenario, trajectory, guide, title or scenario.name, per_step)
     return RunAnimation(shown, 1000.0 / (steps_per_second * per_step))
+
+
+def _saved_run(
+    trajectories: dict[str, tuple[RunTrajectory, ...]], policy: str | None, run: int
+) -> tuple[str, RunTrajectory]:
+    """Name of a policy, by default the last one, and the trajectory of one of its runs."""
+    name = policy or list(trajectories)[-1]
+    saved = trajectories.get(name, ())
+    if not 0 <= run < len(saved):
+        has = ", ".join(f"{len(runs)} of {known!r}" for known, runs in trajectories.items())
+        advice = f": simulate(..., save_trajectories={run + 1}) saves it"
+        raise ValueError(
+            f"the study has no trajectory of run {run} of {name!r}; it has those of {has}"
+            + advice * (name in trajectories and run >= 0)
+        )
+    return name, saved[run]
 
 
 def save_gif(

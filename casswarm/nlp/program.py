@@ -279,6 +279,10 @@ class FeasibleSet(Protocol):
         """The sets of some of the instances."""
 
 
+_COLUMNS = {"x0": 0, "p": 1, "lbx": 0, "ubx": 0, "lbg": 2, "ubg": 2, "scale": 3}
+"""Arrays of instances: as many columns as variables, parameters or constraints (0 to 2), or two."""
+
+
 @dataclass(frozen=True, eq=False)
 class Instances:
     """B instances of an `Nlp` in CasADi's notation: initial guesses, parameters and bounds.
@@ -318,7 +322,7 @@ class Instances:
     def __post_init__(self) -> None:
         object.__setattr__(self, "x0", np.asarray(self.x0, dtype=float))
         batch = self.x0.shape[:1]
-        for name in ("x0", *self._widths((0, 0, 0))):
+        for name in _COLUMNS:
             array = np.asarray(getattr(self, name), dtype=float)
             rows = array.shape[:-1]
             shared = name != "x0" and array.ndim in (1, 2) and rows in ((), (1,))
@@ -329,16 +333,11 @@ class Instances:
                 array = np.broadcast_to(array, (*batch, array.shape[-1]))
             object.__setattr__(self, name, array)
 
-    @staticmethod
-    def _widths(sizes: tuple[int, int, int]) -> dict[str, int]:
-        """Numbers of columns of the arrays after x0 by name, for a program of these sizes."""
-        nx, n_parameters, ng = sizes
-        return {"p": n_parameters, "lbx": nx, "ubx": nx, "lbg": ng, "ubg": ng, "scale": 2}
-
     def require_fit(self, nlp: Nlp) -> None:
-        """Raise SolverError if an array has not the shape that a program needs."""
-        for name, width in {"x0": nlp.sizes[0], **self._widths(nlp.sizes)}.items():
-            shape, expected = getattr(self, name).shape, (len(self), width)
+        """Raise SolverError if an array does not have the shape that a program needs."""
+        widths = *nlp.sizes, 2
+        for name, part in _COLUMNS.items():
+            shape, expected = getattr(self, name).shape, (len(self), widths[part])
             if shape != expected:
                 raise _wrong_shape(name, shape, f"{expected} for the program {nlp.name!r}")
 

@@ -30,6 +30,7 @@ from .sections import (
     toml_text,
 )
 from .validation import (
+    NO_SUCH_KEY,
     PARAMETER_PREFIX,
     Name,
     Text,
@@ -211,7 +212,7 @@ class Scenario(Displayed, Table):
             if key not in known and not key.startswith(PARAMETER_PREFIX)
         ]
         if problems:
-            raise scenario_error(f"scenario '{self.name}' has no such key", problems)
+            raise scenario_error(f"scenario '{self.name}' {NO_SUCH_KEY}", problems)
         data, source = self._data(), f"scenario '{self.name}' with new values"
         for key, value in values.items():
             set_value(data, key, to_plain(value))

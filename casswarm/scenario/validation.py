@@ -26,6 +26,9 @@ _LARGEST_COUNT = 1_000_000_000
 
 _CUSTOM = "casswarm"  # type of the errors that our own validators raise
 _MAX_CHARACTERS = 60
+NO_SUCH_KEY = "has no such key"
+"""Words of the error of an unknown key, after the name of the scenario."""
+
 _MAX_LINES = 20
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ScenarioError
 from ..typing import FloatArray
 from .model import Scenario
-from .validation import field_of
+from .validation import NO_SUCH_KEY, field_of
 
 
 def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
@@ -23,7 +23,13 @@ def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
         Invalid values.
     """
     keys = {key: value for key, value in values.items() if key not in DERIVED}
-    changed = scenario.with_values(keys) if keys else scenario
+    try:
+        changed = scenario.with_values(keys) if keys else scenario
+    except ScenarioError as error:
+        if NO_SUCH_KEY not in str(error):
+            raise
+        hint = f"; beyond its keys there are {' and '.join(DERIVED)}"
+        raise ScenarioError(f"{error}{hint}", **vars(error)) from error
     for key in DERIVED:
         if key in values:
             positions = DERIVED[key](changed, values[key])

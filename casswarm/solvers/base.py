@@ -25,7 +25,7 @@ from .._util.user_code import USER_ERRORS
 from ..errors import CasswarmError, SolverError
 from ..nlp.program import Instances, Nlp
 from ..nlp.residuals import invalid_value, kkt_residuals
-from ..nlp.solution import BatchSolution, Solution, Status
+from ..nlp.solution import BatchSolution, Residuals, Solution, Status
 from ..typing import FloatArray, IntArray
 
 
@@ -313,16 +313,11 @@ class Solver(ABC):
             answer = failed(instance, f"gave x of shape {shape}: {answer.message}")[0]
         residuals = kkt_residuals(nlp, instance, answer.x, answer.multipliers)
         unverified = answer.status.success and not residuals.violation <= VIOLATION
-        message = answer.message
-        answered = np.isfinite(answer.x).all() and not answer.status.success
-        if answered and not np.isfinite(residuals.stationarity):
-            reason = invalid_value(nlp, instance, answer.x)
-            message = "; ".join(filter(None, [message, reason]))
         return Solution(
             x=answer.x,
             objective=float(nlp.evaluate(answer.x, instance.p[0])[0]),
             status=Status.FAILED if unverified else answer.status,
-            message=message,
+            message=_explained(nlp, instance, answer, residuals),
             solver=self.name,
             residuals=residuals,
             iterations=answer.iterations,
@@ -352,6 +347,14 @@ class Solver(ABC):
             counts = {"value": len(answers), "expected": len(instances)}
             raise SolverError(message, solver=self.name, **counts)
         return answers
+
+
+def _explained(nlp: Nlp, instance: Instances, answer: Answer, residuals: Residuals) -> str:
+    """Message of an answer; of a failure, with the name of a derivative that is not finite."""
+    explicable = not answer.status.success and np.isfinite(answer.x).all()
+    if not explicable or np.isfinite(residuals.stationarity):
+        return answer.message
+    return "; ".join(filter(None, [answer.message, invalid_value(nlp, instance, answer.x)]))
 
 
 _AnySolver = TypeVar("_AnySolver", bound=Solver)

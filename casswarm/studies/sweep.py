@@ -27,6 +27,7 @@ from ..guide.guide import Guide
 from ..guide.plan import guide_solver, plan
 from ..policies.base import Policy
 from ..scenario.scenario_files import require_scenario
+from ..scenario.validation import NO_SUCH_KEY
 from ..scenario.variations import DERIVED, whole_numbers, with_parameters
 from ..solvers import make_solver
 from .evaluation import evaluate
@@ -291,9 +292,8 @@ def _checked_settings(scenario: Scenario, settings: Mapping[str, Sequence[Any]])
         )
     for key in settings.keys() - DERIVED.keys():
         try:
-            scenario.with_values({key: settings[key][0]})
+            with_parameters(scenario, {key: settings[key][0]})
         except ScenarioError as error:
-            if "no such key" in str(error):
-                hint = f"; beyond its keys there are {' and '.join(DERIVED)}"
-                raise ScenarioError(f"{error}{hint}", key=key) from error
+            if NO_SUCH_KEY in str(error):
+                raise
     return {key: whole_numbers(key, values) for key, values in settings.items()}

@@ -108,6 +108,12 @@ def test_set_takes_derived_parameters(tmp_path, setting, members):
     assert f"paper-1: {members} members" in casswarm(tmp_path, "plan", "paper-1", *options).stdout
 
 
+def test_set_of_unknown_key_names_derived_parameters(tmp_path):
+    done = casswarm(tmp_path, "evaluate", "paper-1", "--set", "nn=2", code=2)
+    assert "unknown key 'nn'" in done.stderr
+    assert done.stderr.endswith("; beyond its keys there are n and spacing\n")
+
+
 @pytest.mark.slow
 def test_simulate_with_own_rates_on_two_workers_succeeds(own_rates):
     done = casswarm(own_rates, "simulate", "own.toml", "--allow-code", "--runs", 20, "--workers", 2)

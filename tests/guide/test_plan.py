@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from functools import cache
 
+import casadi as ca
 import numpy as np
 import pytest
 from backend_cases import GATE
@@ -13,6 +14,7 @@ from failing_solver import Failing
 from small_scenarios import DT, V_MAX, patrolled, single_agent_rate_by_hand, small
 
 from casswarm import (
+    CasswarmWarning,
     Guide,
     PlanningError,
     Scenario,
@@ -295,3 +297,26 @@ def test_guide_values_by_name_count_all_starts() -> None:
     assert sum(guide.outcomes.values()) == len(guide.candidates) == len(values["candidates"])
     assert values["risk_bound"] == values["certificate"]["accelerated"]["bound"]
     assert values["gap"] == guide.gap
+
+
+# --- no solve that succeeds
+
+REASON = "the derivative of the objective with respect to positions[0] is nan"
+
+
+def rooted(positions, _alive):
+    """The rate 1, with derivatives that are not a number."""
+    return 1.0 + ca.sqrt(ca.fmax(-1.0 - positions[:, 0] ** 2, 0.0))
+
+
+def test_plan_of_which_every_solve_failed_warns_with_the_reason():
+    scenario = small([(0.0, 0.0)], (2.0, 0.0), [(1.0, 0.8)], 6).with_hazard(rooted)
+    with pytest.warns(CasswarmWarning, match="not a minimum: no solve succeeded") as warned:
+        guide = plan(scenario)
+    assert guide.failed
+    assert guide.arrives
+    assert guide.certificate is None
+    assert str(warned[0].message) == guide.note
+    assert REASON in guide.note
+    assert guide.note in str(guide)
+    assert guide.as_dict()["note"] == guide.note

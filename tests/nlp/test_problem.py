@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from casswarm import solvers
 from casswarm.errors import SolverError
 from casswarm.hazard import Saturation, SaturationCollision
 from casswarm.motion import PlanarSets
@@ -219,3 +220,73 @@ def test_formation_of_thousand_members_has_gradient() -> None:
     direction = rng.normal(size=(n, 2))
     ahead, behind = (hazard.rates(positions + d * direction, alive) for d in (1e-6, -1e-6))
     assert (ahead - behind).sum() / 2e-6 == pytest.approx((slope.T * direction).sum(), rel=1e-6)
+
+
+# --- arrays that do not fit
+
+X, P = ca.MX.sym("x", 2), ca.MX.sym("p", 3)
+PROGRAM = Nlp.from_expressions("sums", X, P, ca.sumsqr(X - P[:2]), X[0] + X[1] - P[2])
+ARRAYS = {
+    "x0": np.ones((4, 2)),
+    "p": np.ones((4, 3)),
+    "lbx": np.full((4, 2), -9.0),
+    "ubx": np.full((4, 2), 9.0),
+    "lbg": np.full((4, 1), -9.0),
+    "ubg": np.full((4, 1), 9.0),
+    "scale": np.ones((4, 2)),
+}
+
+
+def with_shape(name: str, shape: tuple[int, ...]) -> dict[str, Any]:
+    return ARRAYS | {name: np.ones(shape)}
+
+
+@pytest.mark.parametrize("solver", ["interior-point", "ipopt", "sqp", "auto", "slsqp", "sleqp"])
+@pytest.mark.parametrize("name", list(ARRAYS))
+@pytest.mark.parametrize("surplus", [-1, 1])
+def test_array_of_wrong_width_is_refused(solver: str, name: str, surplus: int) -> None:
+    width = ARRAYS[name].shape[1] + surplus
+    instances = Instances(**with_shape(name, (4, width)))
+    chosen = solvers.make_solver(solver)
+    for solve in (chosen.solve, chosen.solve_batch):
+        with pytest.raises(SolverError) as caught:
+            solve(PROGRAM, instances)
+        expected = f"expected: (4, {ARRAYS[name].shape[1]}) for the program 'sums'"
+        assert str(caught.value) == f"{name} of the instances has shape (4, {width}); {expected}"
+        assert (caught.value.key, caught.value.shape) == (name, (4, width))
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        *(("p", (3, 3)), ("lbx", (4, 1, 2)), ("ubg", ()), ("p", (5, 3)), ("scale", (3, 2))),
+        *(("x0", ()), ("x0", (2,))),
+    ],
+)
+def test_array_without_a_row_for_each_instance_is_refused(name: str, shape: Any) -> None:
+    with pytest.raises(SolverError, match=rf"{name} of the instances has shape .*; expected: "):
+        Instances(**with_shape(name, shape))
+
+
+# --- in an interactive session
+
+
+def test_representations_are_a_line_with_sizes_and_residuals():
+    x, p = ca.MX.sym("x", 2), ca.MX.sym("p", 1)
+    program = Nlp.from_expressions("sums", x, p, ca.sumsqr(x - p), x[0] + x[1])
+    bounds = (
+        np.full((1, 2), -9.0),
+        np.full((1, 2), 9.0),
+        np.full((1, 1), -9.0),
+        np.full((1, 1), 9.0),
+    )
+    instances = Instances(np.ones((3, 2)), np.zeros((3, 1)), *bounds)
+    assert repr(program) == "Nlp('sums', 2 variables, 1 parameter, 1 constraint)"
+    assert repr(instances) == "Instances(3 of 2 variables, 1 parameter, 1 constraint)"
+    solver = solvers.make_solver("interior-point")
+    found = repr(solver.solve(program, instances)[0])
+    assert found.startswith("Solution('solved', solver='interior-point', objective=")
+    assert found.endswith("x of shape (2,))")
+    found = repr(solver.solve_batch(program, instances))
+    assert found.startswith("BatchSolution(3 of 3 solved, 0 by the fallback, violation<=0.0e+00, ")
+    assert "\n" not in found

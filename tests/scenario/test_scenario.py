@@ -293,3 +293,9 @@ def test_other_object_instead_of_a_scenario_is_refused_with_advice(
         FUNCTIONS[name](value)
     given = f"the {type(value).__name__} {value!r}"
     assert str(caught.value) == f"{name}() needs a Scenario, not {given}: {advice}"
+
+
+def test_dir_of_scenario_has_its_keys_and_no_names_of_pydantic():
+    names = dir(csw.load_scenario("paper-1"))
+    assert {"hazard", "swarm", "n", "with_values", "to_toml", "plot"} <= set(names)
+    assert not {"copy", "json", "schema", "parse_obj", "model_dump", "validate"} & set(names)
