@@ -377,8 +377,8 @@ def _swarm_text(scenario: csw.Scenario, plan: csw.SwarmPlan, sampled: csw.Estima
     guesses = [
         {
             "initial guess": outcome.start,
-            plan.objective: f"{outcome.value:.6f}",
-            "status": str(outcome.solution.status),
+            plan.objective: f"{outcome.value:.6f}" if outcome.separated else "-",
+            "status": str(outcome.solution.status) if outcome.separated else "members too close",
             "iterations": f"{outcome.solution.iterations}",
             "violation": f"{outcome.solution.residuals.violation:.1e}",
             "seconds": f"{outcome.seconds:.2f}",

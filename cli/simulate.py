@@ -158,13 +158,14 @@ def _write_tables(folder: ResultsFolder, study: csw.Study) -> None:
 
 
 def _text(study: csw.Study) -> str:
-    from ..studies.tables import count_notes, paired_texts, summary_texts
+    from ..studies.tables import count_notes, end_notes, paired_texts, summary_texts
 
     lines = [
         f"{study.scenario.name}: {study.guide}",
         "",
         aligned_table(summary_texts(study.summary).to_dict("records")),
         *count_notes(study.summary.to_dict("records")),
+        *end_notes(study.runs),
     ]
     if len(study.paired):
         lines += [

@@ -18,7 +18,7 @@ from ..nlp.program import Instances
 from ..typing import BoolArray, FloatArray
 from .objective import formation_program
 from .spectral_kernels import Results
-from .task import Formation, formation_scale, leader_weights
+from .task import FOLLOWER_WEIGHT, Formation, formation_scale, leader_weights
 from .trajectory import Limits, TrajectorySets, distances, fraction_within
 
 MARGIN = 1e-4
@@ -61,7 +61,9 @@ class _Plan(NamedTuple):
     failed: BoolArray
 
 
-def leader_mpc_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
+def leader_mpc_formation(
+    step: Step, leaders: NDArray[np.intp], follower_weight: float = FOLLOWER_WEIGHT
+) -> Formation:
     """Leader protection over H steps; `leaders` (B,) are the indices of living members."""
     limits, dt, previous = path_limits(step), step.motion.dt, step.previous_velocities
     batch, n = step.alive.shape
@@ -82,7 +84,7 @@ def leader_mpc_formation(step: Step, leaders: NDArray[np.intp]) -> Formation:
         joined = free & (distances(guess, to_leader) <= 1e-12 * limits.speed).all(axis=-1)
         interior[joined], free = guess[joined], free & ~joined
     radii = np.full((batch, n, step.horizon), np.inf)
-    weights = leader_weights(step, leads)
+    weights = leader_weights(step, leads, follower_weight)
     plan = _Plan(leads, weights, free, interior, guess, radii, radii[..., 0], 0.0, failed)
     return _formation(step, plan)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +31,7 @@ from .state_kernels import (
 )
 
 FOLLOWER_WEIGHT = 0.01
-
-
-"""Weight of the other members' rates in leader protection, where members collide.
+"""Default weight of the other members' rates in leader protection, where members collide.
 
 The leader's rate depends on distances to the leader alone. Without collisions it increases with
 each, and determines the formation. With collisions it is least at some distance, in any direction:
@@ -88,11 +86,15 @@ class FormationTask:
         Members that move to the goal, living ones; -1 for none, which only a corridor allows.
     rho : float, optional
         Bound on the squared distance to the goal, with a corridor.
+    follower_weight : float
+        Weight of the followers' rates in leader protection; not used, and 0, where the leader's
+        rate alone determines the formation.
     """
 
     step: Step
     leaders: IntArray
     rho: float | None = None
+    follower_weight: float = FOLLOWER_WEIGHT
 
     @property
     def nlp(self) -> Nlp:
@@ -121,11 +123,11 @@ class FormationTask:
             at_goal=motion.position_tol,
             corridor=-1.0 if self.rho is None else math.sqrt(self.rho) / motion.dt,
             gathers=_gathers(hazard),
-            follower_weight=_follower_weight(hazard),
+            follower_weight=_follower_weight(hazard, self.follower_weight),
         )
 
     def __getitem__(self, rows: IntArray) -> FormationTask:
-        return FormationTask(self.step[rows], self.leaders[rows], self.rho)
+        return replace(self, step=self.step[rows], leaders=self.leaders[rows])
 
     def formation(self) -> Formation:
         """The problems as arrays, for any solver.
@@ -171,17 +173,19 @@ def or_none(leaders: IntArray | None, batch: int) -> IntArray:
     return np.full(batch, -1) if leaders is None else leaders
 
 
-def leader_weights(step: Step, leads: BoolArray) -> FloatArray:
+def leader_weights(
+    step: Step, leads: BoolArray, follower_weight: float = FOLLOWER_WEIGHT
+) -> FloatArray:
     """Weights (B, n) of the members' rates in leader protection, for leaders (B, n)."""
-    return np.where(leads, 1.0, _follower_weight(step.hazard)) * step.alive
+    return np.where(leads, 1.0, _follower_weight(step.hazard, follower_weight)) * step.alive
 
 
 def _gathers(hazard: Hazard) -> bool:
     return isinstance(hazard, KernelHazard) and hazard.gathers
 
 
-def _follower_weight(hazard: Hazard) -> float:
-    return 0.0 if _gathers(hazard) else FOLLOWER_WEIGHT
+def _follower_weight(hazard: Hazard, weight: float) -> float:
+    return 0.0 if _gathers(hazard) else weight
 
 
 def _formation(task: FormationTask, problems: StateProblem) -> Formation:

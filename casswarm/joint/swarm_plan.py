@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,13 +61,13 @@ class SwarmOutcome:
         )
 
     def as_row(self) -> dict[str, object]:
-        """Scalar values, as a table row."""
+        """Scalar values, as a table row; the value is NaN if members come too close."""
         steps = [int(step) for step in self.arrivals]
         return {
             "start": self.start,
             "first_arrival": min(filter(None, steps), default=0),
             "last_arrival": max(steps),
-            "value": self.value,
+            "value": self.value if self.separated else math.nan,
             "separated": self.separated,
         } | self.solution.as_row()
 

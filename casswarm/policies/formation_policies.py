@@ -30,7 +30,7 @@ from ..formation.auto import Auto
 from ..formation.horizon import corridor_mpc_formation, leader_mpc_formation
 from ..formation.objective import CompiledObjective, start_count
 from ..formation.projected_gradient import SpectralProjectedGradient
-from ..formation.task import LEADER_SELECTION, Formation, FormationTask, or_none
+from ..formation.task import FOLLOWER_WEIGHT, LEADER_SELECTION, Formation, FormationTask, or_none
 from ..grid import ValueFunction
 from ..guide.guide import Guide
 from ..hazard import Hazard
@@ -114,10 +114,13 @@ class LeaderPolicy(FormationPolicy):
     ----------
     leader_selection : str
         Rule of `LEADER_SELECTION`; by default the living member nearest to the guide leads.
+    follower_weight : float
+        Weight of the followers' rates, where distances alone do not determine the formation.
     """
 
     leader_selection: str = "nearest"
     name: str = "leader"
+    follower_weight: float = FOLLOWER_WEIGHT
 
     @override
     def leaders(
@@ -127,11 +130,12 @@ class LeaderPolicy(FormationPolicy):
         return LEADER_SELECTION[self.leader_selection](data, self.guide.reference(step))
 
     def _task(self, data: Step, reference: FloatArray) -> FormationTask:
-        return FormationTask(data, LEADER_SELECTION[self.leader_selection](data, reference))
+        leaders = LEADER_SELECTION[self.leader_selection](data, reference)
+        return FormationTask(data, leaders, follower_weight=self.follower_weight)
 
     def _mpc_formation(self, data: Step, reference: FloatArray) -> Formation:
         leaders = LEADER_SELECTION[self.leader_selection](data, reference)
-        return leader_mpc_formation(data, leaders)
+        return leader_mpc_formation(data, leaders, self.follower_weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -385,9 +389,20 @@ class FeedbackPolicy(Policy):
 
 @dataclass(frozen=True, eq=False)
 class LeaderFeedbackPolicy(FeedbackPolicy):
-    """Leader protection, led by the lead agent on its own best path."""
+    """Leader protection, led by the lead agent on its own best path.
+
+    Parameters
+    ----------
+    follower_weight : float
+        As of `LeaderPolicy`.
+    """
 
     name: str = "leader-feedback"
+    follower_weight: float = FOLLOWER_WEIGHT
+
+    @override
+    def _task(self, data: Step, lead: NDArray[np.intp]) -> FormationTask:
+        return FormationTask(data, lead, follower_weight=self.follower_weight)
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,8 +47,8 @@ _MPC = re.compile(r"(constrained|leader)-mpc-(\d+)")
 
 
 def make_policy(
-    name: str,
-    scenario: Scenario,
+    name: str | Scenario,
+    scenario: Scenario | str,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     *,
@@ -57,6 +57,8 @@ def make_policy(
     solver_options: Mapping[str, Any] | None = None,
 ) -> Policy:
     """Policy of a name.
+
+    The name and the scenario may be given in either order.
 
     Parameters
     ----------
@@ -86,6 +88,8 @@ def make_policy(
         scenario.
     PlanningError
         No guide was found.
+    TypeError
+        The first two arguments are not a name and a scenario.
 
     Examples
     --------
@@ -97,7 +101,7 @@ def make_policy(
     >>> policy.velocities(0, X, np.zeros_like(X), np.ones(5, bool)).shape
     (5, 2)
     """
-    require_scenario("make_policy", scenario)
+    name, scenario = _in_order(name, scenario)
     kind, horizon = _parsed(name, horizon)
     _require_known("leader_selection", leader_selection, LEADER_SELECTION)
     backend = papers_solver(scenario, solver, scenario.formation, solver_options, start="zero")
@@ -113,7 +117,13 @@ def make_policy(
     if kind in ("leader-feedback", "constrained-feedback"):
         value = ValueFunction.from_scenario(scenario, certified=False)
         if kind == "leader-feedback":
-            return LeaderFeedbackPolicy(scenario.hazard, motion, value, backend)
+            return LeaderFeedbackPolicy(
+                scenario.hazard,
+                motion,
+                value,
+                backend,
+                follower_weight=scenario.formation.follower_weight,
+            )
         return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, rho)
     if kind == "optimal":
         OptimalPolicy.require_pair(scenario)  # before a guide is planned
@@ -131,8 +141,22 @@ def make_policy(
     full_name = kind if horizon == 1 else f"{kind}-mpc-{horizon}"
     shared = (scenario.hazard, motion, guide, backend, horizon)
     if kind == "leader":
-        return LeaderPolicy(*shared, leader_selection, full_name)
+        weight = scenario.formation.follower_weight
+        return LeaderPolicy(*shared, leader_selection, full_name, weight)
     return ConstrainedPolicy(*shared, rho, full_name)
+
+
+def _in_order(first: Any, second: Any) -> tuple[str, Scenario]:
+    """The name and the scenario among the first two arguments of `make_policy`."""
+    name, scenario = (first, second) if isinstance(first, str) else (second, first)
+    if not isinstance(first, str) and not isinstance(second, str):
+        raise TypeError(
+            f"make_policy() needs the name of a policy and a Scenario, not {type(first).__name__} "
+            f"and {type(second).__name__}; casswarm.as_policy makes a policy of a function or an "
+            "object"
+        )
+    require_scenario("make_policy", scenario)
+    return name, scenario
 
 
 def _parsed(name: str, horizon: int) -> tuple[str, int]:

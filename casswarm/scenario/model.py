@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, cast
 
@@ -217,6 +218,44 @@ class Scenario(Displayed, Table):
         for key, value in values.items():
             set_value(data, key, to_plain(value))
         return self.from_data(data, source=source, **self._context)
+
+    def refined(self, k: int) -> Scenario:
+        """Copy of the scenario with time steps that are k times as fine.
+
+        The members are the same: rates and speeds are per unit of time and keep their values, and
+        the bounds `a_max` on the squared change of velocity per step are divided by k^2, so that
+        the acceleration has the same limit. It has k times as many steps, to which t_f is shortened
+        where a further one would fit in.
+
+        Parameters
+        ----------
+        k : int
+            From 1, which changes nothing.
+
+        Raises
+        ------
+        ValueError
+            `k` is no whole number from 1.
+        ScenarioError
+            There are more steps than are allowed.
+
+        Examples
+        --------
+        >>> import casswarm as csw
+        >>> fine = csw.load_scenario("paper-1").refined(2)
+        >>> fine.n_steps, fine.swarm.a_max
+        (60, 0.125)
+        """
+        if not isinstance(k, Integral) or isinstance(k, bool) or k < 1:
+            raise ValueError(f"k = {k!r}; allowed: whole numbers from 1")
+        k = int(k)
+        dt, steps = self.time.dt / k, self.n_steps * k
+        values: dict[str, object] = {"time.dt": dt, "swarm.a_max": self.swarm.a_max / k**2}
+        if self.guide.a_max is not None:
+            values["guide.a_max"] = self.guide.a_max / k**2
+        if Time(dt=dt, t_f=self.time.t_f).steps != steps:
+            values["time.t_f"] = dt * (steps + 0.5)
+        return self.with_values(values)
 
     def with_hazard(
         self,

@@ -214,6 +214,12 @@ class FormationOptions(Table):
     iterations: Count = Field(
         2000, description="Iterations of the paper's projected gradient for the formation."
     )
+    follower_weight: NotNegative = Field(
+        0.01,
+        description="Weight of the followers' rates in leader protection, relative to the leader's "
+        "rate; used only where distances alone do not determine the formation, as with collisions. "
+        "0 is the paper's problem (6).",
+    )
 
 
 class Changes(TypedDict, total=False):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 import tomllib
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from .._util.user_code import code_hash
 from ..chain.transition import Lattice
-from ..errors import PolicyError
+from ..errors import CasswarmWarning, PolicyError
 from ..guide.guide import Guide
 from ..guide.plan import guide_solver, initial_velocities, plan
-from ..hazard import CustomHazard
+from ..hazard import CustomHazard, Hazard
 from ..policies import as_policy, make_policy
 from ..policies.base import Policy
+from ..policies.formation_policies import FeedbackPolicy, FormationPolicy
 from ..policies.named import require_policy_name
 from ..policies.user import UserPolicy
 from ..solvers import Solver, make_solver
@@ -52,6 +55,9 @@ class PosedStudy:
         if guide is None:
             guide = plan(scenario, guide_solver(solver), certify=False, progress=progress)
         resolved = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
+        solves = any(isinstance(policy, FormationPolicy | FeedbackPolicy) for policy in resolved)
+        if solves and isinstance(scenario.hazard, CustomHazard):
+            progress = SlowRates(scenario.hazard, progress)
         return cls(scenario, guide, resolved, progress)
 
     @cached_property
@@ -63,6 +69,33 @@ class PosedStudy:
         """Lattice of the positions, by default as fine as the first policy decides."""
         accuracy = self.policies[0].decision_tol
         return Lattice.along(self.guide, self.scenario, aggregation_tol, accuracy)
+
+
+SLOW = 10.0
+"""Seconds of work after which a study says that rates made of kernels are faster."""
+
+
+class SlowRates:
+    """Progress of a study whose rates are a function, which warns once where it takes long."""
+
+    def __init__(self, hazard: Hazard, progress: Progress | None) -> None:
+        self._hazard, self._progress = hazard, progress
+        self._begin: float | None = time.perf_counter()
+
+    def __call__(self, task: str, done: float, total: float | None) -> None:
+        """Report progress, and warn if the work is not done after `SLOW` seconds."""
+        if self._progress is not None:
+            self._progress(task, done, total)
+        late = self._begin is not None and time.perf_counter() - self._begin > SLOW
+        if late and (total is None or done < total):
+            self._begin = None
+            warnings.warn(
+                f"{self._hazard!r} is a function: its formation problems are solved one by one, "
+                "hundreds of times slower than those of rates made of kernels; see KernelHazard in "
+                "docs/own-rates.md",
+                CasswarmWarning,
+                stacklevel=2,
+            )
 
 
 def resolve_policy(

@@ -283,7 +283,7 @@ def simulate(
         batches = missing_batches(chain, posed.policies, results, runs, save_trajectories, workers)
         if workers != 1:
             require_sendable(dict(batches))
-        simulate_batches(batches, workers, results, progress, runs, store)
+        simulate_batches(batches, workers, results, posed.progress, runs, store)
     return _study(posed, seed, results)
 
 

@@ -262,6 +262,25 @@ def count_notes(rows: Iterable[Mapping[Any, Any]], unit: str = "") -> list[str]:
     return notes
 
 
+def end_notes(runs: pd.DataFrame) -> list[str]:
+    """Notes on runs that end alive outside the target: a line per policy that has any.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        A row per run, as of `Study.runs`.
+    """
+    notes = []
+    left = runs[~runs["success"].astype(bool) & (runs["survivors"] > 0)]
+    for name, table in left.groupby("policy", sort=False):
+        total, alive = (runs["policy"] == name).sum(), table["survivors"].mean()
+        notes.append(
+            f"{name}: {counted(len(table), 'run')} of {total} end at step {table['steps'].max()} "
+            f"with living members outside the target ({alive:.1f} on average)"
+        )
+    return notes
+
+
 def paired_texts(paired: pd.DataFrame) -> pd.DataFrame:
     """Differences between policies under common random numbers, all as text."""
     return pd.DataFrame(

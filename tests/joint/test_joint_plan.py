@@ -228,6 +228,14 @@ def test_plan_swarm_min_distance_is_kept():
     assert separated.value < close.value
 
 
+def test_outcomes_of_members_too_close_have_no_value_in_tables():
+    kept = in_formations(min_distance=0.3).outcomes[0]
+    close = replace(kept, separated=False)
+    assert kept.as_row()["value"] == kept.value
+    assert math.isnan(close.as_row()["value"])
+    assert math.isfinite(close.value)
+
+
 def test_plan_swarm_large_min_distance_arrives_one_by_one():
     positions = [(0.0, 0.0), (1.0, 0.0), (0.5, 1.0)]
     scenario = small(positions, (3.0, 0.2), BESIDE, 6)

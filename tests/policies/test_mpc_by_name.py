@@ -206,6 +206,26 @@ def test_followers_have_no_weight_without_collisions():
     assert_allclose(weights, [1.0, 0.0, 0.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize("name", ["leader", "leader-mpc-2", "leader-feedback"])
+def test_weight_of_followers_is_the_scenarios(name):
+    """Followers are free at the start; the leader, and so the guide, is not affected."""
+    scenario, guide = planned("paper-2")
+    made = [
+        csw.make_policy(name, scenario.replace(formation={"follower_weight": weight}), guide)
+        for weight in (0.01, 0.3)
+    ]
+    assert [policy.follower_weight for policy in made] == [0.01, 0.3]
+    state = 0, scenario.positions[None], np.zeros((1, 5, 2)), np.ones((1, 5), bool)
+    default, by_weight, other = (
+        policy.decide(*state).velocities[0]
+        for policy in (csw.make_policy(name, scenario, guide), *made)
+    )
+    lead = made[0].leaders(*state)[0]
+    np.testing.assert_array_equal(default, by_weight)
+    np.testing.assert_allclose(default[lead], other[lead], atol=1e-9)
+    assert np.abs(default - other).max() > 1e-3
+
+
 def crowded(kind: str, states: int, radius: float = 0.4) -> Formation:
     """Problems of five members at random around a point of the guide, with random velocities."""
     scenario, guide = planned("paper-2")

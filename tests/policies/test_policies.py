@@ -207,3 +207,10 @@ def test_solver_failures_appear_in_tables() -> None:
 def test_solver_options_reach_the_solver() -> None:
     made = make_policy("leader", scenario(), guide(), "ipopt", solver_options={"max_iter": 7})
     assert made.solver.max_iter == 7  # type: ignore[attr-defined]
+
+
+def test_make_policy_takes_name_and_scenario_in_either_order() -> None:
+    one = make_policy("leader", scenario(), guide(), horizon=2)
+    other = make_policy(scenario(), "leader", guide(), horizon=2)
+    assert one.name == other.name == "leader-mpc-2"
+    assert (one.guide, one.motion, one.hazard) == (other.guide, other.motion, other.hazard)

@@ -129,6 +129,13 @@ def test_policy_is_refused(call, arguments, options, words):
     ("call", "error", "words"),
     [
         (partial(made, "leader", solver="ipop"), SolverError, "did you mean 'ipopt'"),
+        (
+            partial(make_policy, SCENARIO, SCENARIO),
+            TypeError,
+            "a policy and a Scenario",
+        ),
+        (partial(make_policy, "leader", "paper-1"), TypeError, r"load_scenario\('paper-1'\)"),
+        (partial(make_policy, SCENARIO, None), TypeError, "not Scenario and NoneType"),
         (partial(as_policy, no_such, 3), TypeError, r"as_policy\(\) needs a Scenario"),
         *(
             (

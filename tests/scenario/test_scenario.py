@@ -299,3 +299,37 @@ def test_dir_of_scenario_has_its_keys_and_no_names_of_pydantic():
     names = dir(csw.load_scenario("paper-1"))
     assert {"hazard", "swarm", "n", "with_values", "to_toml", "plot"} <= set(names)
     assert not {"copy", "json", "schema", "parse_obj", "model_dump", "validate"} & set(names)
+
+
+# --- refined
+
+
+@pytest.mark.parametrize(
+    ("k", "t_f", "steps"), [(1, 10.0, 30), (2, 10.0, 60), (np.int64(4), 0.0825 * 120.5, 120)]
+)
+def test_refined_has_finer_steps_of_the_same_members(
+    paper: Scenario, k: int, t_f: float, steps: int
+) -> None:
+    scenario = paper.with_values({"guide.a_max": 0.3})
+    fine = scenario.refined(k)
+    assert (fine.n_steps, fine.time.dt) == (steps, 0.33 / k)
+    assert fine.time.t_f == pytest.approx(t_f)
+    for a_max in (attrgetter("swarm.a_max"), attrgetter("guide.a_max")):  # sqrt(a_max) / dt
+        assert a_max(fine) / fine.time.dt**2 == pytest.approx(a_max(scenario) / 0.33**2)
+    same = {"time": vars(scenario.time), "swarm.a_max": 0.5, "guide.a_max": 0.3}
+    assert fine.with_values(same) == scenario
+
+
+def test_rest_to_full_speed_takes_the_same_time_when_refined() -> None:
+    scenario = csw.load_scenario("paper-1")
+
+    def seconds(scenario: Scenario) -> float:
+        return scenario.swarm.v_max / scenario.swarm.a_max**0.5 * scenario.time.dt
+
+    assert seconds(scenario.refined(5)) == pytest.approx(seconds(scenario))
+
+
+@pytest.mark.parametrize("k", [0, -1, 1.5, True])
+def test_refined_refuses_what_is_no_whole_number(paper: Scenario, k: Any) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"k = {k!r}; allowed: whole numbers from 1")):
+        paper.refined(k)

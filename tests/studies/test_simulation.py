@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import pickle
+import warnings
 from functools import cache, partial
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,9 +18,10 @@ from numpy.typing import NDArray
 from small_scenarios import DT, Array, three_members
 
 import casswarm.studies.simulation
-from casswarm import Guide, Scenario, Study, plan, runs_needed, simulate
+from casswarm import Guide, Scenario, Study, evaluate, plan, runs_needed, simulate
 from casswarm.chain import required_runs, wilson
-from casswarm.studies.tables import summarise
+from casswarm.errors import CasswarmWarning
+from casswarm.studies.tables import end_notes, summarise
 
 Flags = NDArray[np.bool_]
 SUMMARY = {"policy", "runs", "successes", "success", "success_low", "success_high"} | {
@@ -275,3 +278,28 @@ def test_simulate_plans_without_certificate_and_keeps_the_one_of_a_given_guide()
     np.testing.assert_array_equal(planned.positions, given.positions)
     assert given.certificate is not None
     assert simulate(scenario, ["leader"], runs=2, guide=given).guide is given
+
+
+def test_notes_count_runs_that_end_alive_outside_the_target() -> None:
+    runs = simulate(scenario(), [stay, straight_on], runs=40, guide=guide()).runs
+    left = runs[(runs["policy"] == "stay") & (runs["survivors"] > 0)]
+    (note,) = end_notes(runs)
+    assert len(left) > 0
+    assert note == (
+        f"stay: {len(left)} runs of 40 end at step {scenario().n_steps} with living members "
+        f"outside the target ({left['survivors'].mean():.1f} on average)"
+    )
+
+
+@pytest.mark.parametrize("call", [pytest.param(simulate, marks=pytest.mark.slow), evaluate])
+def test_slow_rates_of_a_function_are_told_once(call: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("casswarm.studies.inputs.SLOW", 0.0)
+    few: dict[str, Any] = {"runs": 3} if call is simulate else {"max_states": 20}
+    foggy = scenario().with_hazard(lambda x, alive: 0.3 / (1 + ca.sum2(x**2)))  # noqa: ARG005
+    with pytest.warns(CasswarmWarning, match=r"KernelHazard in docs/own-rates\.md") as caught:
+        call(foggy, "leader", guide=guide(), **few)
+    assert len(caught) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        call(scenario(), "leader", guide=guide(), **few)
+        call(foggy, "naive", guide=guide(), **few)
