@@ -3,8 +3,8 @@
 The score of a solver is its shifted geometric mean solve time, in which failures count as the time
 limit. The problems are resampled, with all copies of a problem together (see
 `casswarm.comparison.profiles`), and the probability of a rank is the fraction of resamples in
-which the solver has it. It says how stable the order of the solvers is for problems of this kind; it
-knows nothing of other problems, machines or options. Below 30 problems, and where failures are
+which the solver has it. It says how stable the order of the solvers is for problems of this kind;
+it knows nothing of other problems, machines or options. Below 30 problems, and where failures are
 rare, it is larger than the probability that the rank is right (``docs/solver-comparison.md``).
 
 Problems are independent, and all of one kind, unless their family says more: see
