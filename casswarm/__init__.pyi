@@ -28,10 +28,11 @@ from .guide.guide import Candidate, Guide
 from .guide.plan import plan, plan_baseline
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
 from .joint import SwarmOutcome, SwarmPlan, plan_swarm
-from .nlp.solution import Residuals, Solution, Status
+from .nlp.program import Instances, Nlp
+from .nlp.solution import BatchSolution, Residuals, Solution, Status
 from .policies import Decision, ParametricPolicy, Policy, as_policy, make_policy
 from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
-from .solvers import Solver, make_solver
+from .solvers import FilterInteriorPoint, Solver, make_solver
 from .studies.evaluation import (
     OptimalValue,
     SuccessGradient,
@@ -49,6 +50,7 @@ __version__: str
 
 __all__ = [
     "Accuracy",
+    "BatchSolution",
     "Candidate",
     "CasswarmError",
     "CasswarmWarning",
@@ -63,12 +65,15 @@ __all__ = [
     "Estimate",
     "Execution",
     "ExtraError",
+    "FilterInteriorPoint",
     "FolderError",
     "Guide",
     "Hazard",
     "HazardError",
+    "Instances",
     "Interval",
     "KernelHazard",
+    "Nlp",
     "OptimalValue",
     "OutcomeDistribution",
     "ParametricPolicy",

@@ -31,6 +31,7 @@ from .files import (
     read_arrays,
     read_json,
 )
+from .text import shown
 
 IfExists = Literal["error", "resume", "overwrite"]
 """What to do with a folder that holds a study: see `Checkpoint`."""
@@ -72,7 +73,7 @@ class Checkpoint:
         self, folder: Path, inputs: Mapping[str, Any], if_exists: IfExists = "error"
     ) -> None:
         if if_exists not in ("error", "resume", "overwrite"):
-            raise ValueError(f"if_exists = {if_exists!r}; allowed: error, resume, overwrite")
+            raise ValueError(f"if_exists = {shown(if_exists)}; allowed: error, resume, overwrite")
         self.folder = Path(folder)
         self._records = self.folder / _FOLDER
         self._inputs_file = self._records / "inputs.json"

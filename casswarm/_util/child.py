@@ -29,6 +29,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from ..errors import PolicyError, WorkerError
 from .interrupts import blocked, deferred, interruptible
+from .text import shown
 from .threads import ONE_JOB
 
 T = TypeVar("T")
@@ -193,7 +194,8 @@ def require_workers(workers: Workers) -> None:
     valid = isinstance(workers, Integral) and int(workers) >= 1
     if not (valid or isinstance(workers, SubmitsJobs)):
         raise ValueError(
-            f"workers = {workers!r}; allowed: whole numbers from 1, or an executor with submit()"
+            f"workers = {shown(workers)}; allowed: whole numbers from 1, or an executor with "
+            "submit()"
         )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from numbers import Integral
 
+from .text import shown
+
 SPEED_TOL = 1e-12
 """Excess over v_max or a_max, relative to v_max, up to which the chain does not project a velocity;
 the bounds on all policies allow for it."""
@@ -14,7 +16,6 @@ CORE_RADIUS = 0.01
 
 CORE_FRACTION = 1 / 50
 """The same of a scenario, as a fraction of the target's radius."""
-
 
 MAX_SEED = 2**64 - 1
 """Largest seed: a word of the generator's key."""
@@ -29,7 +30,9 @@ def require_seed(seed: object) -> int:
         It is not a whole number from 0 to `MAX_SEED`.
     """
     if not isinstance(seed, Integral) or not 0 <= int(seed) <= MAX_SEED:
-        raise ValueError(f"seed = {seed!r}; allowed: whole numbers from 0 to {MAX_SEED} (2^64 - 1)")
+        raise ValueError(
+            f"seed = {shown(seed)}; allowed: whole numbers from 0 to {MAX_SEED} (2^64 - 1)"
+        )
     return int(seed)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..typing import Progress
+from .text import shown
 
 
 def reporter(progress: Progress | bool | None) -> Progress | None:
@@ -25,7 +26,7 @@ def reporter(progress: Progress | bool | None) -> Progress | None:
         return Bars()
     if not callable(progress):
         raise TypeError(
-            f"progress = {progress!r}; allowed: True for progress bars, or a function of "
+            f"progress = {shown(progress)}; allowed: True for progress bars, or a function of "
             "(task, done, total)"
         )
     return progress

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ..typing import Progress
     from .checkpoint import IfExists
     from .child import Workers
+from .text import shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +117,7 @@ def given_values(
     grouped = {k: v for group in groups if group for k, v in vars(group).items() if v is not None}
     for name in grouped.keys() | plain.keys():
         if name not in defaults:
-            raise TypeError(f"{function} takes no {name!r}; allowed: {', '.join(defaults)}")
+            raise TypeError(f"{function} takes no {shown(name)}; allowed: {', '.join(defaults)}")
     given = {k: v for k, v in plain.items() if v is not None or defaults[k] is not None}
     for name in grouped.keys() & given.keys():
         group = "accuracy" if hasattr(Accuracy, name) else "execution"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Any
 
 
 def closest(word: str, known: Iterable[str]) -> str | None:
@@ -27,6 +28,12 @@ def counted(count: float, noun: str, plural: str = "") -> str:
     """Number and noun, in the plural unless the number is one; four digits of a fraction."""
     number = f"{count:.4g}" if isinstance(count, float) else f"{count}"
     return f"{number} {noun if count == 1 else plural or f'{noun}s'}"
+
+
+def shown(value: Any) -> str:
+    """`repr` of a value that a user gave; a NumPy scalar or 0-d array as the number it holds."""
+    scalar = getattr(value, "shape", None) == () and hasattr(value, "item")
+    return repr(value.item() if scalar else value)
 
 
 def printable(text: str) -> str:

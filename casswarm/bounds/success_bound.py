@@ -21,6 +21,7 @@ from functools import lru_cache
 import numpy as np
 
 from .._util.numbers import rounded_up
+from .._util.text import shown
 from ..grid.dynamic_programming import StageCosts, costs_to_go, least_cost, rounding, trace
 from ..grid.nodes import Grid, NodeBlock, Relaxation, extremum_within_reach, multilinear, node_count
 from ..scenario import Scenario
@@ -140,11 +141,11 @@ def success_bound(
     """
     require_scenario("success_bound", scenario)
     if max_nodes < 1000:
-        raise ValueError(f"max_nodes = {max_nodes!r}; allowed: whole numbers from 1000")
+        raise ValueError(f"max_nodes = {shown(max_nodes)}; allowed: whole numbers from 1000")
     limits = {"max_work": max_work, "accuracy": accuracy, "time_limit": time_limit}
     for name, limit in limits.items():
         if not limit >= 0:
-            raise ValueError(f"{name} = {limit!r}; allowed: numbers from 0")
+            raise ValueError(f"{name} = {shown(limit)}; allowed: numbers from 0")
     if max_work == math.inf:
         raise ValueError("max_work = inf; allowed: finite numbers from 0, for example 1e9")
     compute = _bound if time_limit == math.inf else _bound.__wrapped__  # which may be limited

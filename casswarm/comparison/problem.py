@@ -253,13 +253,14 @@ class Problem:
 
 
 def read_problems(
-    paths: Iterable[str | Path], refused: Callable[[ProblemError], object] | None = None
+    paths: str | Path | Iterable[str | Path],
+    refused: Callable[[ProblemError], object] | None = None,
 ) -> list[Problem]:
     """Problems of .nl files and of all .nl files of folders; their family is the folder's name.
 
     Parameters
     ----------
-    paths : iterable of paths
+    paths : str, Path, or iterable of these
     refused : callable, optional
         Called with the error of a file in a folder that cannot be read, which is then left out. By
         default the error is raised, as it always is for a file that is named itself.
@@ -270,7 +271,7 @@ def read_problems(
         A file that cannot be read, or a folder without any that can.
     """
     problems: list[Problem] = []
-    for path in map(Path, paths):
+    for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         family = (path if path.is_dir() else path.parent).resolve().name or "nl"
         if not path.is_dir():
             problems.append(Problem.from_nl(path, family=family))

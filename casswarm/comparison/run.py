@@ -8,7 +8,7 @@ import platform
 import statistics
 import sys
 import timeit
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import partial
@@ -27,6 +27,7 @@ from .._util.checkpoint import Checkpoint, file_name, opened
 from .._util.numbers import require_seed
 from .._util.progress import reporter
 from .._util.settings import SAVED, Execution, SavedKeywords, given_values
+from .._util.text import shown
 from .._util.user_code import code_hash
 from ..errors import ComparisonError, SolverError
 from ..nlp.program import Instances, Nlp
@@ -267,12 +268,12 @@ def compare(
     time_limit, progress, checkpoint, if_exists = values
     seed, progress = require_seed(seed), reporter(progress)
     if not time_limit > 0:
-        message = f"time_limit = {time_limit!r}; allowed: seconds above 0"
+        message = f"time_limit = {shown(time_limit)}; allowed: seconds above 0"
         raise ComparisonError(message, key="time_limit", value=time_limit)
     if not isinstance(copies, Integral) or copies < 0:
-        message = f"copies = {copies!r}; allowed: whole numbers from 0"
+        message = f"copies = {shown(copies)}; allowed: whole numbers from 0"
         raise ComparisonError(message, key="copies", value=copies)
-    listed = [problems] if isinstance(problems, str | Problem) else list(problems)
+    listed = _listed(problems)
     limited = {label: _limited(s, time_limit) for label, s in _solvers(solvers).items()}
     posed = _problems(listed, count, seed, progress)
     inputs = {
@@ -302,6 +303,30 @@ def compare(
     runs = verify(pd.DataFrame(rows), tolerances)
     table = pd.DataFrame([problem.as_row() for problem in posed])
     return Comparison(runs, table, inputs | {"tolerances": asdict(tolerances)}, iterates)
+
+
+def _listed(problems: Any) -> list[str | Problem]:
+    """The problems one by one; TypeError for what is none, with the function that makes some."""
+    single = isinstance(problems, str | Problem) or type(problems).__name__ in _MAKERS
+    single |= not isinstance(problems, Iterable)
+    listed = [problems] if single else list(problems)
+    for problem in listed:
+        if not isinstance(problem, str | Problem):
+            kind = type(problem).__name__
+            advice = _MAKERS.get(kind, "Problem.from_casadi(nlp, ...), or read_problems([path])")
+            raise TypeError(
+                f"problems: {kind} is no problem; allowed: names of families and Problem; "
+                f"call {advice}"
+            )
+    return listed
+
+
+_MAKERS = {
+    "Opti": "Problem.from_opti(opti)",
+    "Scenario": "guide_problems(scenario) or formation_problems(scenario)",
+    "Nlp": "Problem(name, family, nlp, {start: instances})",
+}
+"""What makes problems of objects that are none, by the names of their types."""
 
 
 def _require_applicable(rows: Sequence[Mapping[str, Any]]) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import pandas as pd
 
+from .._util.text import shown
 from ..errors import ComparisonError
 from ..nlp.solution import Status
 from ..solvers.base import VIOLATION
@@ -64,7 +65,7 @@ class Tolerances:
         for field in fields(self):
             value = getattr(self, field.name)
             if not value > 0:
-                message = f"tolerance {field.name} = {value!r}; allowed: above zero"
+                message = f"tolerance {field.name} = {shown(value)}; allowed: above zero"
                 raise ComparisonError(message, key=field.name, value=value)
 
 

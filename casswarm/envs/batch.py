@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._util.numbers import SPEED_TOL, require_seed
+from .._util.text import shown
 from ..bounds import PotentialFamily
 from ..chain.transition import SATURATION_TOL
 from ..compiled.kernels import contiguous
@@ -85,11 +86,13 @@ class SwarmBatch:
     ) -> None:
         if not isinstance(size, int | np.integer) or size < 1:
             raise EnvError(
-                f"num_envs = {size!r}; allowed: whole numbers from 1", key="num_envs", value=size
+                f"num_envs = {shown(size)}; allowed: whole numbers from 1",
+                key="num_envs",
+                value=size,
             )
         if not 0 < discount <= 1:
             raise EnvError(
-                f"discount = {discount!r}; allowed: above 0 and at most 1",
+                f"discount = {shown(discount)}; allowed: above 0 and at most 1",
                 key="discount",
                 value=discount,
             )

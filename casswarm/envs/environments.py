@@ -17,6 +17,7 @@ from typing_extensions import override
 
 from .._util.figure_style import BLUE, add_legend, add_title, marker, themed
 from .._util.numbers import MAX_SEED, require_seed
+from .._util.text import shown
 from ..errors import EnvError
 from ..figures.maps import add_start, base_map
 from ..guide.guide import Guide
@@ -104,7 +105,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ) -> None:
         if render_mode not in (None, *RENDERING["render_modes"]):
             raise EnvError(
-                f"render_mode = {render_mode!r}; allowed: None, 'rgb_array'",
+                f"render_mode = {shown(render_mode)}; allowed: None, 'rgb_array'",
                 render_mode=render_mode,
             )
         self.autoreset_mode = _mode(autoreset_mode)
@@ -218,7 +219,7 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     modes = {key: m for m in AutoresetMode for key in (m, m.value, m.name)}
     if mode not in modes:
         allowed = ", ".join(repr(m.value) for m in AutoresetMode)
-        raise EnvError(f"autoreset_mode = {mode!r}; allowed: {allowed}", autoreset_mode=mode)
+        raise EnvError(f"autoreset_mode = {shown(mode)}; allowed: {allowed}", autoreset_mode=mode)
     return modes[mode]
 
 

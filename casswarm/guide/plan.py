@@ -15,7 +15,7 @@ from typing_extensions import Unpack
 
 from .._util.progress import reporter
 from .._util.settings import Execution, SavedKeywords, given_values
-from .._util.text import counted
+from .._util.text import counted, shown
 from ..bounds import (
     AccelerationBound,
     AccelerationLimits,
@@ -227,9 +227,9 @@ def plan(
     values = given_values("plan", execution, plain=plain, time_limit=None, progress=None)
     time_limit, progress = values
     if not 0 < gap < 1:
-        raise ValueError(f"gap = {gap!r}; allowed: above 0, below 1 (0.01 is one percent)")
+        raise ValueError(f"gap = {shown(gap)}; allowed: above 0, below 1 (0.01 is one percent)")
     if time_limit is not None and not time_limit > 0:
-        raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
+        raise ValueError(f"time_limit = {shown(time_limit)}; allowed: seconds above 0")
     started, progress = time.monotonic(), reporter(progress)
     velocity = scenario.swarm.velocity
     guide = plan_from(

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._util.text import shown
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .rate_bounds import LeastRate, PairBounds
@@ -255,7 +256,7 @@ def checked_radars(radars: ArrayLike) -> tuple[tuple[float, float], ...]:
         array = np.array(radars, dtype=float)
     except (TypeError, ValueError):
         raise HazardError(
-            f"radars are {radars!r}; expected k pairs (x, y) of numbers",
+            f"radars are {shown(radars)}; expected k pairs (x, y) of numbers",
             key="radars",
             value=repr(radars),
         ) from None

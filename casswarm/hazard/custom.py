@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from .._util.text import counted
+from .._util.text import counted, shown
 from .._util.threads import locked_cache
 from .._util.user_code import USER_ERRORS, failure_text, is_defined_in, load, module_file
 from ..errors import HazardError
@@ -69,7 +69,7 @@ class CustomHazard(Hazard):
                 hash(value)
             except (TypeError, NotImplementedError):  # the latter is CasADi's
                 raise HazardError(
-                    f"parameter {key!r} is {value!r}; allowed: numbers, texts, lists of these",
+                    f"parameter {key!r} is {shown(value)}; allowed: numbers, texts, lists of these",
                     key=key,
                     value=repr(value),
                 ) from None

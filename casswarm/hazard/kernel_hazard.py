@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from .._util.numbers import CORE_RADIUS
-from .._util.text import counted
+from .._util.text import counted, shown
 from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
@@ -173,7 +173,10 @@ def require_finite(
         if not finite or value < 0 or (value == 0 and name in positive):
             allowed = "a finite number above zero" if name in positive else "zero or above, finite"
             raise HazardError(
-                f"{name} = {value!r}; allowed: {allowed}", key=name, value=value, allowed=allowed
+                f"{name} = {shown(value)}; allowed: {allowed}",
+                key=name,
+                value=value,
+                allowed=allowed,
             )
 
 

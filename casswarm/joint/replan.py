@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from .._util.text import shown
 from ..errors import PolicyError
 from ..problems.joint import JointForm, JointTask
 from ..solvers import Solver
@@ -117,7 +118,7 @@ class PlanTree:
             )
         if not 0 <= min_probability <= 1:
             raise PolicyError(
-                f"min_probability = {min_probability!r}; allowed: from 0 to 1",
+                f"min_probability = {shown(min_probability)}; allowed: from 0 to 1",
                 policy="joint-replanning",
             )
         self.scenario, self.objective = scenario, plan.objective

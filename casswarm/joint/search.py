@@ -14,7 +14,7 @@ from typing_extensions import Unpack
 from .._util.numbers import require_seed
 from .._util.progress import reporter
 from .._util.settings import Execution, SavedKeywords, given_values
-from .._util.text import did_you_mean
+from .._util.text import did_you_mean, shown
 from ..bounds.success_bound import success_bound
 from ..errors import ScenarioError, SolverError
 from ..guide.frame import Frame
@@ -388,7 +388,7 @@ def plan_swarm(
     _require_known(objective, initial_guesses)
     _require_distance(scenario, min_distance)
     if time_limit is not None and not time_limit > 0:
-        raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
+        raise ValueError(f"time_limit = {shown(time_limit)}; allowed: seconds above 0")
     guide = plan(scenario, certify=False) if guide is None else guide
     # before the search, whose result it could cost
     bound = success_bound(scenario) if certify else None
@@ -432,7 +432,7 @@ def _require_known(objective: str, kinds: Sequence[str]) -> None:
     if isinstance(kinds, str) or not kinds:
         allowed = ", ".join(INITIAL_GUESSES)
         raise SolverError(
-            f"initial_guesses = {kinds!r}; expected a list of {allowed}", initial_guesses=kinds
+            f"initial_guesses = {shown(kinds)}; expected a list of {allowed}", initial_guesses=kinds
         )
     for kind in kinds:
         if kind not in INITIAL_GUESSES:
@@ -445,7 +445,7 @@ def _require_distance(scenario: Scenario, min_distance: float | None) -> None:
         return
     if not 0 < min_distance < math.inf:
         raise ValueError(
-            f"min_distance = {min_distance!r}; allowed: a finite number above 0, or None"
+            f"min_distance = {shown(min_distance)}; allowed: a finite number above 0, or None"
         )
     least = least_distance(scenario.positions[None])
     if least < min_distance:

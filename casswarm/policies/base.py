@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._util.text import shown
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import CasswarmError, PolicyCallError, PolicyError
 from ..typing import BoolArray, FloatArray, IntArray, States
@@ -76,7 +77,8 @@ def checked_state(
     that are no whole numbers from 0.
     """
     if not isinstance(step, Integral) or isinstance(step, bool) or step < 0:
-        raise PolicyError(f"step = {step!r}; allowed: whole numbers from 0", key="step", value=step)
+        message = f"step = {shown(step)}; allowed: whole numbers from 0"
+        raise PolicyError(message, key="step", value=step)
     x, v, living = np.asarray(positions, float), np.asarray(velocities, float), np.asarray(alive)
     shapes = [x.shape, v.shape, living.shape]
     if x.ndim not in (2, 3) or shapes != [x.shape, x.shape, x.shape[:-1]] or x.shape[-1] != 2:
@@ -207,6 +209,7 @@ class Policy(ABC):
             The policy is a user's and fails, or returns no `Decision`.
         """
         name = str(getattr(self, "name", type(self).__name__))
+        step = step[()] if isinstance(step, np.ndarray) and not step.ndim else step
         state = checked_state(name, step, positions, previous_velocities, alive)
         if not len(state[0]):
             return Decision.plain(state[0])

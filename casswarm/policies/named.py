@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .._util.text import did_you_mean
+from .._util.text import did_you_mean, shown
 from ..errors import PolicyError
 from ..formation.task import LEADER_SELECTION
 from ..grid import ValueFunction
@@ -170,7 +170,9 @@ def _parsed(name: str, horizon: int) -> tuple[str, int]:
     _require_known("policy", name, POLICIES)
     if not isinstance(horizon, int) or horizon < 1:
         raise PolicyError(
-            f"horizon = {horizon!r}; allowed: whole numbers from 1", policy=name, horizon=horizon
+            f"horizon = {shown(horizon)}; allowed: whole numbers from 1",
+            policy=name,
+            horizon=horizon,
         )
     if horizon > 1 and name not in ("leader", "constrained"):
         raise PolicyError(

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._util.text import shown
 from ..compiled.kernels import contiguous, kernel
 from ..errors import PolicyError
 from ..typing import BoolArray, FloatArray, IntArray
@@ -81,7 +82,9 @@ class Observation:
         except TypeError:
             name = ""
         if name not in DTYPES:
-            raise PolicyError(f"dtype = {dtype!r}; allowed: {' or '.join(DTYPES)}", dtype=dtype)
+            raise PolicyError(
+                f"dtype = {shown(dtype)}; allowed: {' or '.join(DTYPES)}", dtype=dtype
+            )
         distances = scenario.target.distances(scenario.positions)
         return cls(
             n=scenario.n,

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from typing_extensions import override
 
 from .._util.extras import require_extra
-from .._util.text import counted
+from .._util.text import counted, shown
 from .._util.threads import locked_cache, one_at_a_time
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import PolicyError
@@ -320,7 +320,9 @@ def _state_function(framework: str, key: _ByIdentity, n: int, size: int) -> Stat
     if framework not in _FRAMEWORKS:
         allowed = ", ".join(_FRAMEWORKS)
         raise PolicyError(
-            f"framework = {framework!r}; allowed: {allowed}", framework=framework, allowed=allowed
+            f"framework = {shown(framework)}; allowed: {allowed}",
+            framework=framework,
+            allowed=allowed,
         )
     return _FRAMEWORKS[framework](key, n, size)
 
@@ -519,7 +521,7 @@ def _checked_parameters(parameters: ArrayLike) -> FloatArray:
         values = np.asarray(parameters, dtype=float).copy()
     except (TypeError, ValueError):
         raise PolicyError(
-            f"parameters are {parameters!r}; expected a vector of numbers",
+            f"parameters are {shown(parameters)}; expected a vector of numbers",
             key="parameters",
             value=repr(parameters),
         ) from None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from .._util.interrupts import limited_time
-from .._util.text import counted
+from .._util.text import counted, shown
 from ..errors import PolicyError
 from ..scenario.scenario_files import require_scenario
 from ..typing import BoolArray, FloatArray
@@ -166,7 +166,7 @@ def as_policy(
         )
     if time_limit is not None:
         if not time_limit > 0:
-            raise ValueError(f"time_limit = {time_limit!r}; allowed: seconds above 0")
+            raise ValueError(f"time_limit = {shown(time_limit)}; allowed: seconds above 0")
         unlimited = as_policy(policy, scenario, name=name, parameters=parameters, dtype=dtype)
         return _LimitedPolicy(unlimited, unlimited.name, float(time_limit))
     if isinstance(policy, type):

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from .._util.documents import render
 from .._util.numbers import require_seed, rounded_up
+from .._util.text import shown
 from ..chain.monte_carlo import RunTrajectory
 from ..figures import (
     comparison_map,
@@ -146,10 +147,10 @@ def reproduce(
     """
     seed = require_seed(seed)
     if not (isinstance(runs, int) and runs > 0):
-        raise ValueError(f"runs = {runs!r}; allowed: whole numbers from 1")
+        raise ValueError(f"runs = {shown(runs)}; allowed: whole numbers from 1")
     unknown = sorted({*(only or ())} - {*TABLES, DRAWN})
     if unknown:
-        raise ValueError(f"only = {unknown[0]!r}; allowed: {', '.join([*TABLES, DRAWN])}")
+        raise ValueError(f"only = {shown(unknown[0])}; allowed: {', '.join([*TABLES, DRAWN])}")
     report: Report = progress or (lambda _: None)
     first, second = load_scenario("paper-1"), load_scenario("paper-2")
     guide = plan(first, certify=False)

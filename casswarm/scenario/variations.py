@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._util.text import shown
 from ..errors import ScenarioError
 from ..typing import FloatArray
 from .model import Scenario
@@ -69,7 +70,7 @@ def _with_members(scenario: Scenario, n: Any) -> FloatArray:
     """
     positions = scenario.positions
     if not (isinstance(n, int) and not isinstance(n, bool) and n >= 1):
-        raise ScenarioError(f"n = {n!r}; allowed: whole numbers from 1", key="n", value=n)
+        raise ScenarioError(f"n = {shown(n)}; allowed: whole numbers from 1", key="n", value=n)
     if n <= len(positions):
         return positions[:n]
     spacing = _min_distance(positions) if len(positions) > 1 else 0.0
@@ -95,7 +96,9 @@ def _with_spacing(scenario: Scenario, spacing: Any) -> FloatArray:
         isinstance(spacing, (int, float)) and 0 < spacing < math.inf
     ):
         raise ScenarioError(
-            f"spacing = {spacing!r}; allowed: finite numbers above 0", key="spacing", value=spacing
+            f"spacing = {shown(spacing)}; allowed: finite numbers above 0",
+            key="spacing",
+            value=spacing,
         )
     if len(positions) < 2 or _min_distance(positions) == 0:
         raise ScenarioError(

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._util.interrupts import interruptible
+from .._util.text import shown
 from .._util.user_code import USER_ERRORS
 from ..errors import CasswarmError, SolverError
 from ..nlp.program import Instances, Nlp
@@ -50,7 +51,7 @@ def check_options(solver: Any) -> None:
     for option, allowed in _conditions(type(solver)):  # type: ignore[arg-type]
         value = getattr(solver, option)
         if not allowed.condition(value):
-            message = f"{solver.name}: {option} = {value!r}; allowed: {allowed.text}"
+            message = f"{solver.name}: {option} = {shown(value)}; allowed: {allowed.text}"
             raise SolverError(message, solver=solver.name, option=option, value=value)
 
 

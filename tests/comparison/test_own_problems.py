@@ -133,3 +133,28 @@ def test_from_nl_names_file_of_unsolvable_problem(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("x2\n0 1", "x2\n0 0"))
     with pytest.raises(csw.ProblemError, match=r"log\.nl: problem 'log'.*objective is -inf"):
         csw.Problem.from_nl(path)
+
+
+@pytest.mark.parametrize(
+    ("given", "call"),
+    [
+        (ca.Opti(), r"Problem\.from_opti\(opti\)"),
+        ([ca.Opti()], r"Problem\.from_opti\(opti\)"),
+        (csw.load_scenario("paper-1"), r"guide_problems\(scenario\)"),
+        ([3.0], r"read_problems"),
+    ],
+)
+def test_comparison_of_what_is_no_problem_says_what_to_call(given: object, call: str) -> None:
+    with pytest.raises(TypeError, match=call):
+        csw.compare(given, ["ipopt"])
+
+
+def test_problems_are_read_from_one_path(tmp_path: Path) -> None:
+    path = tmp_path / "own.nl"
+    csw.Problem.from_casadi(NLP, lbg=1).to_nl(path)
+    assert [
+        problem.name for given in (path, str(path)) for problem in csw.read_problems(given)
+    ] == [
+        "own",
+        "own",
+    ]

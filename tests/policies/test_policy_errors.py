@@ -305,3 +305,14 @@ def test_step_that_is_no_whole_number_from_0_is_refused(step):
 def test_naive_policy_with_other_members_is_refused():
     with pytest.raises(csw.PolicyError, match="separate guides is for 4 members, the swarm has 3"):
         policy("naive").decide(0, np.zeros((3, 2)), np.zeros((3, 2)), np.ones(3, bool))
+
+
+def test_step_is_taken_from_an_array_without_axes() -> None:
+    scenario = csw.load_scenario("paper-1")
+    policy = csw.make_policy("leader", scenario, csw.plan(scenario))
+    state = np.full((scenario.n, 2), 0.5) + 0.1 * np.arange(scenario.n)[:, None]
+    calls = [
+        policy.velocities(step, state, 0 * state, np.ones(scenario.n, bool))
+        for step in (3, np.array(3))
+    ]
+    assert calls[0].tolist() == calls[1].tolist()
