@@ -199,7 +199,8 @@ class Observation:
         living, parts = alive[..., None], self.slices
         return ObservedState(
             steps=np.rint(self.n_steps * (1.0 - left)).astype(np.int64),
-            positions=living * (np.asarray(self.center) + self.length * given[..., parts["position"]]),
+            positions=living
+            * (np.asarray(self.center) + self.length * given[..., parts["position"]]),
             previous_velocities=living * (self.v_max * given[..., parts["velocity"]]),
             alive=alive,
         )

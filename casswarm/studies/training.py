@@ -136,7 +136,7 @@ def train(
         def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
             found = success_gradient(
                 scenario,
-                policy,
+                policy,  # noqa: B023
                 parameters,
                 tolerance,  # noqa: B023  (called within the stage)
                 arrival_smoothing=smoothing,  # noqa: B023

@@ -11,9 +11,7 @@ from small_scenarios import small
 
 import casswarm as csw
 
-SCENARIO = small(
-    [(0.0, 0.0), (0.0, 0.3)], (2.0, 0.0), [(1.0, 0.3)], 6, swarm__velocity=[1.0, 0.0]
-)
+SCENARIO = small([(0.0, 0.0), (0.0, 0.3)], (2.0, 0.0), [(1.0, 0.3)], 6, swarm__velocity=[1.0, 0.0])
 
 
 def common(_step: int, positions: Any, _velocities: Any, _alive: Any, parameters: Any) -> Any:
@@ -39,8 +37,10 @@ def test_train_finds_parameters_that_no_neighbour_exceeds() -> None:
     assert list(training.history["stage"].unique()) == [0, 1]
     last = training.history[training.history["stage"] == 1]["objective"]
     assert last.max() == pytest.approx(best, abs=1e-9)
-    assert 0.0 <= training.gap == pytest.approx(
-        csw.success_bound(SCENARIO).value - training.success.low
+    assert (
+        0.0
+        <= training.gap
+        == pytest.approx(csw.success_bound(SCENARIO).value - training.success.low)
     )
     assert "gradients=" in repr(training)
 
