@@ -5,12 +5,16 @@ Run with the installed package::
     python benchmarks/leaderboard.py                     # all rows, some quarters of an hour
     python benchmarks/leaderboard.py barricade           # the rows of a scenario
     python benchmarks/leaderboard.py barricade leader    # one row, which is only printed
+    python benchmarks/leaderboard.py barricade module:policy    # your row among the kept ones
+
+In the last form, `policy` is a function of a scenario and a guide that returns a policy.
 
 Rows are kept in results/leaderboard/leaderboard.csv and written to docs/leaderboard.md.
 """
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
 from typing import Any
@@ -55,7 +59,28 @@ COLUMNS = ("policy", "success", "bound", "time, s", "command")
 
 def make_policy(name: str, scenario: Scenario, guide: Guide) -> Any:
     """The policy of a row."""
+    if ":" in name:
+        return csw.as_policy(own_function(name)(scenario, guide))
     return trained(scenario, guide) if name == "trained" else csw.make_policy(name, scenario, guide)
+
+
+def own_function(name: str) -> Any:
+    """The function of "module:function", of a module in this folder or an installed one."""
+    module, _, function = name.partition(":")
+    try:
+        sys.path.insert(0, str(Path.cwd()))
+        return getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise SystemExit(f"{name}: {error}; expected module:function") from None
+
+
+def own_rows(scenario: Scenario, name: str) -> str:
+    """The rows of a scenario with that of a policy of one's own, best first."""
+    kept = pd.read_csv(TABLE)
+    own = pd.DataFrame([measured(scenario, name)])
+    rows = pd.concat([kept[kept["scenario"] == scenario.name], own])
+    ranked = rows.sort_values(["success_low", "policy"], ascending=[False, True])
+    return "\n".join(markdown_row(row) for row in ranked.to_dict("records"))
 
 
 def names_of(scenario: Scenario) -> list[str]:
@@ -137,6 +162,10 @@ def main() -> None:
             f"scenarios: {', '.join(csw.builtin_scenarios())}"
         )
     scenarios = [csw.load_scenario(name) for name in names]
+    if len(sys.argv) == 3 and ":" in sys.argv[2]:
+        own_function(sys.argv[2])  # before the measurements
+        print(own_rows(scenarios[0], sys.argv[2]))
+        return
     if len(sys.argv) == 3:
         if sys.argv[2] not in names_of(scenarios[0]):
             raise SystemExit(

@@ -22,18 +22,15 @@ import casadi as ca
 import numpy as np
 from _timing import arguments, print_table, timed
 from policies import cases
-from scipy.optimize import minimize
 
 import casswarm as csw
 from casswarm import Guide, ParametricPolicy, Scenario
 from casswarm._util.numbers import rounded_up
+from casswarm.studies.training import STAGES
 from casswarm.typing import FloatArray
 
 CLOSING_STEPS = 3.0
 """Number of steps in which the members' distances to the guide become smaller by a factor of e."""
-
-STAGES = ((0.4, 0.03, 30), (0.2, 0.02, 30), (0.1, 0.02, 30), (0.04, 0.01, 30), (0.01, 0.01, 30))
-"""Stages of the training: smoothing of arrivals in radii of the target, tolerance, iterations."""
 
 COLUMNS = ("scenario", "start", "trained", "leader", "joint", "bound", "parameters", "training, s")
 
@@ -98,24 +95,12 @@ def trained(
     report: Callable[[str], None] = lambda _: None,
 ) -> ParametricPolicy:
     """The policy after L-BFGS with the exact gradient, arrivals being smoothed less and less."""
-    policy = initial_policy(scenario, guide)
-    for radii, tolerance, iterations in stages:
-        options = {"arrival_smoothing": radii * scenario.target.radius, "guide": guide}
-
-        def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
-            found = csw.success_gradient(scenario, policy, parameters, tolerance, **options)  # noqa: B023
-            return -found.objective, -found.gradient
-
-        result = minimize(
-            loss,
-            policy.parameters,
-            jac=True,
-            method="L-BFGS-B",
-            options={"maxiter": iterations, "maxcor": 20},
-        )
-        policy = policy.with_parameters(result.x)
-        report(f"smoothing {radii:g} radii: {-result.fun:.4f} after {result.nfev} gradients")
-    return policy
+    start = initial_policy(scenario, guide)
+    found = csw.train(scenario, start, stages=stages, guide=guide, options={"maxcor": 20})
+    for stage, rows in found.history.groupby("stage"):
+        best = rows["objective"].max()
+        report(f"smoothing {stages[stage][0]:g} radii: {best:.4f} after {len(rows)} gradients")
+    return found.policy
 
 
 def row(name: str, scenario: Scenario, stages: Sequence[tuple[float, float, int]]) -> list[Any]:

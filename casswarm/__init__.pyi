@@ -44,6 +44,7 @@ from .studies.evaluation import (
 from .studies.posed_problems import formation_problems, guide_problems
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
+from .studies.training import Training, train
 from .typing import Interval, Progress
 
 __version__: str
@@ -100,6 +101,7 @@ __all__ = [
     "SwarmPlan",
     "Sweep",
     "Tolerances",
+    "Training",
     "ValueFunction",
     "WorkerError",
     "animate",
@@ -129,4 +131,5 @@ __all__ = [
     "success_bound",
     "success_gradient",
     "sweep",
+    "train",
 ]

@@ -75,7 +75,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     discount : float
         Of the shaping; that of the learner.
     autoreset_mode : AutoresetMode or str
-        When a run that has ended is followed by the next.
+        When a run that has ended is followed by the next: see `step` for ``DISABLED``.
     render_mode : str, optional
         "rgb_array" or None.
 
@@ -158,6 +158,10 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ) -> tuple[NDArray[Any], FloatArray, BoolArray, BoolArray, Infos]:
         """Advance by velocities (B, n, 2), which are projected on what v_max and a_max allow.
 
+        With ``AutoresetMode.DISABLED``, runs that have ended stay as they are while others go on:
+        their actions are ignored, their rewards are 0, they remain `terminated`, and the masks of
+        `infos` are False for them. When all have ended, `reset` must be called.
+
         Returns
         -------
         observations : (B, n, d)
@@ -166,17 +170,19 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         infos : dict
         """
         batch, every = self.batch, np.ones(self.num_envs, bool)
-        resets = ~every
+        resets, frozen = ~every, ~every
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._seeded:
             resets = batch.ends.ended.copy()
-        rewards = batch.step(actions, ~resets)
+        elif self.autoreset_mode is AutoresetMode.DISABLED and not batch.ends.ended.all():
+            frozen = batch.ends.ended & (batch.swarms.steps > 0)  # the others have not begun
+        rewards = batch.step(actions, ~(resets | frozen))
         ended = batch.ends.ended & ~resets
         final: Infos = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             final, resets = _final(ended, batch.observe(), self._infos(every)), ended
         if resets.any():
             batch.begin(resets)
-        infos = self._infos(every) | final
+        infos = self._infos(~frozen) | final
         return batch.observe(), rewards, ended, np.zeros_like(ended), infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

@@ -22,7 +22,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .._util.text import shown
 from ..compiled.kernels import contiguous, kernel
@@ -38,6 +38,15 @@ DTYPES = ("float32", "float64")
 _OWN, _RADAR, _OTHER = 6, 2, 5  # numbers for a member itself, a radar, and another member
 _ROUNDING = 1e-6  # of bounds, relative: observations may be in single precision
 _ZERO, _ONE = np.uint64(0), np.uint64(1)
+
+
+class ObservedState(NamedTuple):
+    """B states in the order of the arguments of policies; the destroyed have zeros."""
+
+    steps: IntArray  # (B,), t
+    positions: FloatArray  # (B, n, 2), X(t)
+    previous_velocities: FloatArray  # (B, n, 2), V(t-1)
+    alive: BoolArray  # (B, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +154,59 @@ class Observation:
             observations.reshape(-1),
         )
         return observations
+
+    def state(self, observations: ArrayLike) -> ObservedState:
+        """Restore states from their observations: the inverse of a call, up to rounding.
+
+        Positions and velocities have the precision of `dtype`. Those of destroyed members are
+        not part of an observation: zeros are returned for them.
+
+        Parameters
+        ----------
+        observations : (B, n, d)
+            As returned by a call or by an environment, of all members.
+
+        Returns
+        -------
+        ObservedState
+            Steps, positions, previous velocities, and the living.
+
+        Raises
+        ------
+        PolicyError
+            Observations of another shape or that are not finite; or a state without a living
+            member, whose observation does not contain the step.
+        """
+        given = np.asarray(observations, float)
+        if given.ndim != 3 or given.shape[1:] != (self.n, self.size):
+            raise PolicyError(
+                f"observations have shape {given.shape}; expected (B, {self.n}, {self.size}): "
+                "(states, members, numbers of a row); of one state, pass observations[None]",
+                shape=given.shape,
+                expected=(self.n, self.size),
+            )
+        if not np.isfinite(given).all():
+            row = tuple(map(int, np.argwhere(~np.isfinite(given))[0]))
+            raise PolicyError(
+                f"observations are not finite at index {row} (state, member, number)", index=row
+            )
+        alive = given[..., 0] > 0.5
+        if not alive.any(axis=1).all():
+            state = int(np.flatnonzero(~alive.any(axis=1))[0])
+            raise PolicyError(
+                f"the observation of state {state} has no living member, so that it does not "
+                "contain the step: leave out states in which all members are destroyed",
+                state=state,
+            )
+        left = given[np.arange(len(given)), alive.argmax(axis=1), 1]
+        living, parts = alive[..., None], self.slices
+        return ObservedState(
+            steps=np.rint(self.n_steps * (1.0 - left)).astype(np.int64),
+            positions=living
+            * (np.asarray(self.center) + self.length * given[..., parts["position"]]),
+            previous_velocities=living * (self.v_max * given[..., parts["velocity"]]),
+            alive=alive,
+        )
 
     @cached_property
     def _radars(self) -> FloatArray:

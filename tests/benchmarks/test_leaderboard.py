@@ -73,3 +73,16 @@ def test_command_of_a_row_prints_it_again(leaderboard, table):
 def test_wrong_arguments_are_one_line(leaderboard, words):
     done = python(leaderboard.__file__, *words, code=1)
     assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_own_policy_is_a_row_among_the_kept_ones(leaderboard, table, tmp_path):
+    text = "def straight(scenario, guide):\n    return lambda *state: 0 * state[1] + [1.0, 0.0]\n"
+    (tmp_path / "mine.py").write_text(text)
+    done = python(leaderboard.__file__, "single-agent", "mine:straight", folder=tmp_path)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 1 + (table["scenario"] == "single-agent").sum()
+    assert sum("| mine:straight |" in line for line in lines) == 1
+    done = python(leaderboard.__file__, "single-agent", "mine:other", folder=tmp_path, code=1)
+    assert "expected module:function" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

@@ -79,6 +79,32 @@ def test_additions_to_every_agents_reward_sum_to_the_initial_potential(
     np.testing.assert_allclose(list(sums.values()), -initial, atol=1e-12)
 
 
+@pytest.mark.parametrize("velocity", [(1.0, 0.0), (0.4, 0.9)])
+def test_agents_of_gauntlet_receive_minus_the_initial_potential_and_the_success(
+    velocity: tuple[float, float],
+) -> None:
+    scenario = csw.load_scenario("gauntlet")
+    env = SwarmParallelEnv(scenario, shaping=True)
+    plain = SwarmParallelEnv(scenario)
+    alive = np.ones((1, scenario.n), bool)
+    initial = potentials(scenario, [0], [scenario.positions], alive)[0]
+    lost = 0
+    for seed in range(5):
+        env.reset(seed=seed)
+        plain.reset(seed=seed)
+        sums = dict.fromkeys(env.possible_agents, 0.0)
+        while env.agents:
+            before = len(env.agents)
+            actions = {agent: scenario.swarm.v_max * np.array(velocity) for agent in env.agents}
+            rewards, expected = env.step(actions)[1], plain.step(actions)[1]
+            for agent, reward in rewards.items():
+                sums[agent] += reward - expected[agent]
+            lost += 0 < len(env.agents) < before
+        np.testing.assert_allclose(list(sums.values()), -initial, atol=1e-12)
+    assert lost > 0
+    assert initial > 0.1
+
+
 def test_risk_table_is_below_the_value_function() -> None:
     value, table = ValueFunction.from_scenario(SMALL), risk_table(SMALL)
     rng = np.random.default_rng(0)

@@ -166,9 +166,75 @@ def test_disabled_mode_resets_by_mask_only() -> None:
     np.testing.assert_array_equal(observations[~mask], before[~mask])
     np.testing.assert_array_equal(infos["_run"], mask)
     np.testing.assert_array_equal(infos["run"], [4, 1, 6, 3])
+    frozen, rewards, terminated, _, infos = env.step(ahead(env))
+    np.testing.assert_array_equal(frozen[~mask], before[~mask])
+    np.testing.assert_array_equal(terminated, ~mask)
+    np.testing.assert_array_equal(infos["_step"], mask)
+    assert not rewards.any()
+
+
+def test_disabled_mode_freezes_ended_runs_until_all_end() -> None:
+    env = SwarmVectorEnv(SMALL, 30, shaping=True, autoreset_mode=AutoresetMode.DISABLED)
+    observations, _ = env.reset(seed=0)
+    ended: Any = np.zeros(30, bool)
+    steps: Any = np.zeros(30, int)
+    success: Any = np.zeros(30, bool)
+    while not ended.all():
+        actions = ahead(env)
+        actions[ended] = np.nan
+        before, frozen = observations, ended
+        observations, rewards, ended, _, infos = env.step(actions)
+        np.testing.assert_array_equal(observations[frozen], before[frozen])
+        assert not rewards[frozen].any()
+        assert ended[frozen].all()
+        np.testing.assert_array_equal(infos["_success"], ~frozen)
+        steps[~frozen] = infos["step"][~frozen]
+        success |= infos["success"] & infos["_success"]
+    assert len(set(steps)) > 1
+    runs = csw.simulate(SMALL, lambda *s: 0 * s[1] + [1.0, 0.2], runs=30, seed=0).runs
+    np.testing.assert_array_equal(steps, runs["steps"])
+    np.testing.assert_array_equal(success, runs["success"])
+    with pytest.raises(csw.EnvError, match="30 of 30 runs"):
+        env.step(ahead(env))
+
+
+def test_disabled_mode_with_runs_that_have_not_begun_raises() -> None:
+    env = SwarmVectorEnv(CALM, 4, autoreset_mode=AutoresetMode.DISABLED)
+    env.reset(seed=0, options={"reset_mask": np.array([True, False, True, False])})
     with pytest.raises(csw.EnvError, match=r"2 of 4 runs \(environment 1, 3\)") as caught:
         env.step(ahead(env))
     np.testing.assert_array_equal(caught.value.environments, [1, 3])
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_state_of_observations_is_the_state(dtype: str) -> None:
+    env = SwarmVectorEnv(SMALL, 40, dtype=dtype, autoreset_mode="Disabled")
+    env.reset(seed=3)
+    observation, swarms, lost = env.batch.observation, env.batch.swarms, 0
+    for _ in range(4):
+        observations = env.step(ahead(env))[0]
+        some = swarms.alive.any(axis=1)
+        state = observation.state(observations[some])
+        tol = 1e-12 if dtype == "float64" else 1e-5
+        np.testing.assert_array_equal(state.steps, swarms.steps[some])
+        np.testing.assert_array_equal(state.alive, swarms.alive[some])
+        np.testing.assert_allclose(state.positions, swarms.positions[some], atol=tol)
+        np.testing.assert_allclose(state.previous_velocities, swarms.velocities[some], atol=tol)
+        lost += (~state.alive).sum()
+    assert lost > 0
+
+
+def test_state_of_wrong_observations_raises() -> None:
+    env = SwarmVectorEnv(SMALL, 2)
+    observations, _ = env.reset(seed=0)
+    state = env.batch.observation.state
+    with pytest.raises(csw.PolicyError, match=r"expected \(B, 3, \d+\).*observations\[None\]"):
+        state(observations[0])
+    with pytest.raises(csw.PolicyError, match=r"state 0 has no living .* not contain the step"):
+        state(0 * observations)
+    observations[1, 2, 4] = np.nan
+    with pytest.raises(csw.PolicyError, match=r"not finite at index \(1, 2, 4\)"):
+        state(observations)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
