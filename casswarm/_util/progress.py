@@ -7,9 +7,10 @@ import warnings
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from .text import shown
+
 if TYPE_CHECKING:
     from ..typing import Progress
-from .text import shown
 
 
 def reporter(progress: Progress | bool | None) -> Progress | None:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from typing_extensions import TypedDict
 
+from .text import shown
+
 if TYPE_CHECKING:
     from ..typing import Progress
     from .checkpoint import IfExists
     from .child import Workers
-from .text import shown
 
 
 @dataclass(frozen=True, kw_only=True)
