@@ -16,7 +16,7 @@ from ..errors import ComparisonError, ProblemError
 from ..nlp import black_box
 from ..nlp.conversion import START, from_dictionary, from_stack, require_solvable
 from ..nlp.nl_reader import read_nl
-from ..nlp.nl_writer import nl_text
+from ..nlp.nl_writer import nl_bytes, nl_text
 from ..nlp.program import Instances, Nlp
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class Problem:
 
     @classmethod
     def from_nl(cls, path: str | Path, name: str | None = None, family: str = "nl") -> Problem:
-        """Problem of a text file in AMPL's .nl format.
+        """Problem of a file in AMPL's .nl format, text or binary.
 
         A maximum becomes a minimum of the negative objective. Multipliers of the initial guess,
         and suffixes that are no conditions, are not used.
@@ -133,8 +133,8 @@ class Problem:
         ProblemError
             The file cannot be read, is damaged or truncated, or uses what is not supported: integer
             variables, several objectives, complementarity conditions, special ordered sets, logical
-            constraints, piecewise-linear terms, imported functions, or the binary format; or its
-            problem is refused as in `from_casadi`.
+            constraints, piecewise-linear terms, or imported functions; or its problem is refused as
+            in `from_casadi`.
         """
         path = Path(path)
         program, instance = read_nl(path, name or path.stem)
@@ -198,8 +198,8 @@ class Problem:
         program, starts = black_box.from_s2mpj(problem, name)
         return cls(program.name, family, program, starts)
 
-    def to_nl(self, path: str | Path, start: str | None = None) -> None:
-        """Write the problem to a text file in AMPL's .nl format, which many solvers read.
+    def to_nl(self, path: str | Path, start: str | None = None, *, binary: bool = False) -> None:
+        """Write the problem to a file in AMPL's .nl format, which many solvers read.
 
         Parameters are replaced by their values. The order of variables and constraints stays, so
         more than necessary are declared as nonlinear.
@@ -210,6 +210,8 @@ class Problem:
             An existing file is replaced.
         start : str, optional
             Which of the initial guesses is written; by default the first.
+        binary : bool
+            Whether to write a binary file, which is read faster, in place of a text file.
 
         Raises
         ------
@@ -223,7 +225,8 @@ class Problem:
             known = ", ".join(self.starts)
             message = f"problem {self.name!r} has no start {start!r}; it has {known}"
             raise ProblemError(message, problem=self.name, start=start, allowed=known)
-        atomic_write(Path(path), nl_text(self.nlp, self.starts[start]))
+        content = nl_bytes if binary else nl_text
+        atomic_write(Path(path), content(self.nlp, self.starts[start]))
 
     def __repr__(self) -> str:
         variables, _, constraints = self.nlp.sizes

@@ -1,5 +1,5 @@
 from .nl_reader import read_nl
-from .nl_writer import nl_text
+from .nl_writer import nl_bytes, nl_text
 from .program import FeasibleSet, Instances, LagrangianHessian, Nlp
 from .residuals import invalid_value, kkt_residuals, relative_error
 from .solution import BatchSolution, Residuals, Solution, Status
@@ -15,6 +15,7 @@ __all__ = [
     "Status",
     "invalid_value",
     "kkt_residuals",
+    "nl_bytes",
     "nl_text",
     "read_nl",
     "relative_error",

@@ -1,4 +1,4 @@
-"""Reading .nl files, as text: lines, header, and segments.
+"""Reading .nl files: header and segments, as text or binary.
 
 CasADi has a reader too (`casadi.NlpBuilder.import_nl`), but it does not notice that a file is
 truncated: it waits for ever, or leaves out bounds and linear terms.
@@ -13,86 +13,13 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from .._util.files import require_file
 from .._util.text import counted
-from ..errors import ProblemError
 from ..typing import Expr
+from .nl_tokens import HEADER_LINES, Text, open_nl
 from .operations import OPERATORS, Operator
 from .program import Instances, Nlp
 
-MAX_BYTES = 2**27
-"""Size up to which a file is read: some million operations."""
-
-
-class Lines:
-    """The lines of a file of text, of at most `MAX_BYTES`, one after the other without comments."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.number = path, 0
-        try:
-            require_file(path, MAX_BYTES)
-            content = path.read_bytes()
-        except OSError as error:
-            raise ProblemError(f"{path}: {error.strerror or error}", file=path) from error
-        if content[:1] == b"b":
-            raise self.refusal(
-                "is in the binary format; write it as text (option g of AMPL and Pyomo)"
-            )
-        try:
-            text = content.decode("ascii")
-        except UnicodeDecodeError as error:
-            raise self.refusal("is no .nl file: it has bytes that are not ASCII") from error
-        self._lines = text.splitlines()
-
-    def __len__(self) -> int:
-        return len(self._lines)
-
-    @property
-    def ended(self) -> bool:
-        """True if only blank lines are left."""
-        while self.number < len(self._lines) and not self._lines[self.number].strip():
-            self.number += 1
-        return self.number == len(self._lines)
-
-    def following(self) -> str:
-        """The next line, without its comment; a ProblemError at the end of the file."""
-        if self.number == len(self._lines):
-            raise self.refusal("ends too early: is it truncated?")
-        self.number += 1
-        return self._lines[self.number - 1].partition("#")[0].strip()
-
-    def numbers(self, *counts: int) -> list[float]:
-        """Numbers of the next line, as many as one of `counts`."""
-        line = self.following()
-        return self.parsed(line, *counts)
-
-    def parsed(self, text: str, *counts: int) -> list[float]:
-        """Numbers in a part of this line, as many as one of `counts`; any number if none."""
-        try:
-            values = [float(word) for word in text.split()]
-        except ValueError:
-            values = []
-        if not text or (counts and len(values) not in counts):
-            expected = " or ".join(map(str, counts)) or "some"
-            raise self.refusal(f"has {text!r} where {expected} numbers are expected")
-        return values
-
-    def integer(self, text: str, limit: int) -> int:
-        """A whole number from 0 to `limit` - 1 in this line."""
-        if not (text.isdigit() and len(text) < 12 and int(text) < limit):
-            raise self.refusal(
-                f"has {text!r} where a whole number from 0 to {limit - 1} is expected"
-            )
-        return int(text)
-
-    def refusal(self, reason: str) -> ProblemError:
-        """Error that names the file, the line and the reason."""
-        where = f", line {self.number}" if self.number else ""
-        message = f"{self.path}{where}: the file {reason}"
-        return ProblemError(message, file=self.path, line=self.number or None)
-
-
-_LINES, _COUNTS = 10, 6  # of a header, and how many of the numbers in a line are read
+_COUNTS = 6  # numbers that are read in a line of a header
 
 
 @dataclass(frozen=True)
@@ -106,22 +33,23 @@ class Header:
     gradient: int  # entries of the gradient of f
 
 
-def read_header(lines: Lines) -> Header:
+def read_header(lines: Text) -> Header:
     """Read the header, and refuse what is not supported by a ProblemError that names it."""
-    if not lines.following().startswith("g"):
-        raise lines.refusal("is no .nl file: its first line does not begin with g")
-    rows = [_counts(lines) for _ in range(_LINES - 1)]
+    if not lines.following().startswith(("g", "b")):
+        raise lines.refusal("is no .nl file: its first line does not begin with g or b")
+    rows = [_counts(lines) for _ in range(HEADER_LINES - 1)]
+    lines.begin(arithmetic=rows[4][2])
     variables, constraints, objectives = rows[0][:3]
     _refuse_unsupported(lines, rows)
     if max(variables, constraints) > len(lines):
         raise lines.refusal(
-            f"has {len(lines)} lines, too few for {variables} variables and {constraints} "
+            f"has {len(lines)} {lines.unit}, too few for {variables} variables and {constraints} "
             "constraints: is it truncated?"
         )
     return Header(variables, constraints, objectives, *rows[6][:2])
 
 
-def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
+def _refuse_unsupported(lines: Text, rows: list[list[int]]) -> None:
     """Raise for parts of the format that cannot be read; `rows` are the lines after the first."""
     objectives, logical, conditions = rows[0][2], rows[0][5], sum(rows[1][2:4])
     discrete, functions = counted(sum(rows[5]), "integer variable"), counted(rows[4][1], "function")
@@ -137,7 +65,7 @@ def _refuse_unsupported(lines: Lines, rows: list[list[int]]) -> None:
             raise lines.refusal(reason)
 
 
-def _counts(lines: Lines) -> list[int]:
+def _counts(lines: Text) -> list[int]:
     """Numbers of the next line; those that are missing are zero."""
     numbers = [lines.integer(word, 10**9) for word in lines.following().split()]
     return numbers + [0] * _COUNTS
@@ -156,12 +84,17 @@ _UNSUPPORTED = {
 
 _UNSUPPORTED_SEGMENTS = {"F": "imports a function of a library", "L": "has a logical constraint"}
 
+_BOUNDS = {"0": 2, "1": 1, "2": 1, "3": 0, "4": 1}
+"""Count of numbers of every kind of bounds."""
+
+_REAL = 4  # bit of a suffix's kind: its values are real numbers
+
 _SOS = ("sosno", "ref", "sos", "sosref")
 """Suffixes that declare special ordered sets, which are conditions; others are hints."""
 
 
 def read_nl(path: Path, name: str) -> tuple[Nlp, Instances]:
-    """Read a problem, and its initial guess, from a text file in .nl format.
+    """Read a problem, and its initial guess, from a file in .nl format, text or binary.
 
     A maximum becomes the minimum of the negative objective, and without an objective it is zero.
 
@@ -176,15 +109,15 @@ def read_nl(path: Path, name: str) -> tuple[Nlp, Instances]:
     ProblemError
         The file cannot be read, is damaged or truncated, or uses a part of the format that is not
         supported: integer variables, several objectives, complementarity, special ordered sets,
-        logical constraints, imported functions, piecewise-linear terms, or the binary format.
+        logical constraints, imported functions, or piecewise-linear terms.
     """
-    return _Reader(Lines(path)).program(name)
+    return _Reader(open_nl(path)).program(name)
 
 
 class _Reader:
     """The segments of a file, read into the parts of a problem."""
 
-    def __init__(self, lines: Lines) -> None:
+    def __init__(self, lines: Text) -> None:
         self.lines, self.header = lines, read_header(lines)
         variables, constraints = self.header.variables, self.header.constraints
         self.x = ca.SX.sym("x", variables)
@@ -207,17 +140,17 @@ class _Reader:
             "x": self._guess,
             "r": lambda _: self._bounds(self.g_bounds, constraints),
             "b": lambda _: self._bounds(self.x_bounds, variables),
-            "d": lambda line: self._skip(line[1:], 2),
-            "k": lambda line: self._skip(line[1:], 1),
-            "K": lambda line: self._skip(line[1:], 1),
+            "d": lambda _: self._skip("id"),
+            "k": lambda _: self._skip("i"),
+            "K": lambda _: self._skip("i"),
         }
         while not lines.ended:
-            line = lines.following()
-            if line[:1] in _UNSUPPORTED_SEGMENTS:
-                raise lines.refusal(f"{_UNSUPPORTED_SEGMENTS[line[0]]}, which is not supported")
-            if line[:1] not in segments:
-                raise lines.refusal(f"has {line[:20]!r} where a segment should begin")
-            segments[line[0]](line)
+            key = lines.key()
+            if key in _UNSUPPORTED_SEGMENTS:
+                raise lines.refusal(f"{_UNSUPPORTED_SEGMENTS[key]}, which is not supported")
+            if key not in segments:
+                raise lines.refusal(f"has {lines.shown!r} where a segment should begin")
+            segments[key](key)
         self._require_complete()
 
     def program(self, name: str) -> tuple[Nlp, Instances]:
@@ -248,83 +181,74 @@ class _Reader:
 
     # --- segments
 
-    def _constraint(self, line: str) -> None:
-        self.rows[self.lines.integer(line[1:], self.header.constraints)] = self._expression()
+    def _constraint(self, _: str) -> None:
+        (row,) = self.lines.integers(self.header.constraints)
+        self.rows[row] = self._expression()
 
-    def _objective(self, line: str) -> None:
-        number, sense = self._integers(line[1:], self.header.objectives, 2)
+    def _objective(self, _: str) -> None:
+        number, sense = self.lines.integers(self.header.objectives, 2)
         self.maximise = sense == 1
         self.objectives[number] = self._expression()
 
-    def _defined_variable(self, line: str) -> None:
-        first, lines = self.header.variables, len(self.lines)
-        index, terms, _ = self._integers(line[1:], first + lines, lines, 10**9)
+    def _defined_variable(self, _: str) -> None:
+        first, size = self.header.variables, len(self.lines)
+        index, terms, _place = self.lines.integers(first + size, size, 10**9)
         if index in self.values:
             raise self.lines.refusal(f"defines v{index} twice")
         linear = self._terms(terms)
         self.values[index] = self._expression() + linear
 
-    def _linear_terms(self, line: str) -> None:
-        key = line[0]
+    def _linear_terms(self, key: str) -> None:
         rows = self.header.constraints if key == "J" else self.header.objectives
-        row, count = self._integers(line[1:], rows, len(self.lines))
+        row, count = self.lines.integers(rows, len(self.lines))
         self.linear[key, row] = self._terms(count)
         self.entries[key] += count
 
-    def _guess(self, line: str) -> None:
-        for _ in range(self.lines.integer(line[1:], len(self.lines))):
-            index, value = self._pair()
+    def _guess(self, _: str) -> None:
+        (count,) = self.lines.integers(len(self.lines))
+        for _place in range(count):
+            index, value = self.lines.pair(self.header.variables)
             self.x0[index] = value
 
     def _bounds(self, bounds: list[tuple[float, float]], count: int) -> None:
         for _ in range(count):
-            kind, *values = self.lines.numbers(1, 2, 3, 4)
-            if kind == 5:
+            kind = self.lines.key()
+            if kind == "5":
                 raise self.lines.refusal("has a complementarity condition, which is not supported")
-            if kind not in range(5) or len(values) != (2, 1, 1, 0, 1)[int(kind)]:
+            if kind not in _BOUNDS:
                 raise self.lines.refusal("has bounds of a kind that the format does not know")
-            low = values[0] if kind in (0, 2, 4) else -np.inf
-            high = values[-1] if kind in (0, 1, 4) else np.inf
+            values = self.lines.numbers(_BOUNDS[kind])
+            low = values[0] if kind in "024" else -np.inf
+            high = values[-1] if kind in "014" else np.inf
             bounds.append((low, high))
 
-    def _suffix(self, line: str) -> None:
-        words = line[1:].split()
-        if len(words) != 3:
-            raise self.lines.refusal(f"has {line!r} where a suffix with its name is expected")
-        if words[2] in _SOS:
-            raise self.lines.refusal(f"has special ordered sets (suffix {words[2]}); not supported")
-        self._skip(words[1], 2)
+    def _suffix(self, _: str) -> None:
+        kind, count, name = self.lines.suffix()
+        if name in _SOS:
+            raise self.lines.refusal(f"has special ordered sets (suffix {name}); not supported")
+        for _place in range(count):
+            self.lines.skip("id" if kind & _REAL else "ii")
 
-    def _skip(self, count: str, numbers: int) -> None:
-        for _ in range(self.lines.integer(count, len(self.lines))):
-            self.lines.numbers(numbers)
+    def _skip(self, kinds: str) -> None:
+        (count,) = self.lines.integers(len(self.lines))
+        for _ in range(count):
+            self.lines.skip(kinds)
 
     # --- parts of segments
 
-    def _integers(self, text: str, *limits: int) -> list[int]:
-        words = text.split()
-        if len(words) != len(limits):
-            raise self.lines.refusal(f"has {text!r} where {len(limits)} whole numbers are expected")
-        return [self.lines.integer(word, limit) for word, limit in zip(words, limits, strict=True)]
-
-    def _pair(self) -> tuple[int, float]:
-        """The index of a variable and a number."""
-        index, _, number = self.lines.following().partition(" ")
-        return self.lines.integer(index, self.header.variables), self.lines.parsed(number, 1)[0]
-
     def _terms(self, count: int) -> Expr:
-        pairs = [self._pair() for _ in range(count)]
+        pairs = [self.lines.pair(self.header.variables) for _ in range(count)]
         return sum((number * self.values[index] for index, number in pairs if number), ca.SX(0))
 
     def _expression(self) -> Expr:
         """An expression in prefix notation, without recursion: files can be deep."""
         unfinished: list[tuple[Operator, list[Expr]]] = []
         while True:
-            word = self.lines.following()
-            if word[:1] == "o":
-                unfinished.append((self._operator(word), []))
+            key = self.lines.key()
+            if key == "o":
+                unfinished.append((self._operator(), []))
                 continue
-            value = self._leaf(word)
+            value = self._leaf(key)
             while unfinished:
                 operator, arguments = unfinished[-1]
                 arguments.append(value)
@@ -335,28 +259,28 @@ class _Reader:
             else:
                 return value
 
-    def _leaf(self, word: str) -> Expr:
+    def _leaf(self, key: str) -> Expr:
         """A number or a variable."""
-        if word[:1] == "v":
-            index = self.lines.integer(word[1:], 10**9)
+        if key == "v":
+            (index,) = self.lines.integers(10**9)
             if index not in self.values:
                 raise self.lines.refusal(
-                    f"uses {word}, which is neither a variable nor defined before"
+                    f"uses v{index}, which is neither a variable nor defined before"
                 )
             return self.values[index]
-        if word[:1] in ("n", "s", "l"):
-            return ca.SX(self.lines.parsed(word[1:], 1)[0])
-        if word[:1] == "f":
+        if key and key in "nsl":
+            return ca.SX(self.lines.constant(key))
+        if key == "f":
             raise self.lines.refusal("calls an imported function, which is not supported")
-        raise self.lines.refusal(f"has {word[:20]!r} where an expression is expected")
+        raise self.lines.refusal(f"has {self.lines.shown!r} where an expression is expected")
 
-    def _operator(self, word: str) -> Operator:
-        """The operator of a word, with the number of its arguments."""
-        number = self.lines.integer(word[1:], 1000)
+    def _operator(self) -> Operator:
+        """The next operator, with the number of its arguments."""
+        (number,) = self.lines.integers(1000)
         if number in OPERATORS:
             function, count = OPERATORS[number]
             if count is None:
-                count = self.lines.integer(self.lines.following(), len(self.lines))
+                (count,) = self.lines.integers(len(self.lines))
             if count:
                 return Operator(function, count)
         what = _UNSUPPORTED.get(number, "which the format does not know")

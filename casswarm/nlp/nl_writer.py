@@ -1,4 +1,4 @@
-"""Writing problems to .nl files, as text.
+"""Writing problems to .nl files, as text or binary.
 
 Expressions are written as CasADi evaluates them: what is used several times becomes a defined
 variable, so that the file is no longer than the problem. The order of variables and constraints is
@@ -7,6 +7,7 @@ kept, so that all up to the last nonlinear one are declared as nonlinear.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,6 +17,7 @@ import numpy as np
 
 from ..errors import ProblemError
 from ..typing import Expr, FloatArray
+from .nl_tokens import HEADER_LINES
 from .operations import OPERATIONS, instructions, operation_name
 from .program import Instances, Nlp
 
@@ -53,6 +55,32 @@ def nl_text(nlp: Nlp, instance: Instances) -> str:
     lines += ["b", *_bounds(instance.lbx[0], instance.ubx[0])]
     lines += [*_columns(body), *body.jacobian.lines("J"), *body.gradient.lines("G")]
     return "\n".join(lines) + "\n"
+
+
+def nl_bytes(nlp: Nlp, instance: Instances) -> bytes:
+    """Content of a binary .nl file of an instance, in IEEE arithmetic with little end first.
+
+    Parameters, and errors, are those of `nl_text`.
+    """
+    lines = nl_text(nlp, instance).splitlines()
+    header, records = lines[:HEADER_LINES], lines[HEADER_LINES:]
+    header[0] = header[0].replace("g", "b", 1)
+    header[5] = header[5].replace("0 0 0 1", "0 0 1 1", 1)
+    content, segment = ["".join(f"{line}\n" for line in header).encode()], ""
+    for line in records:
+        key, words = line[0], line[1:].split()
+        if key.isdigit() and segment not in ("r", "b"):
+            words, key = line.split(), ""  # a pair, a column's end or a number of arguments
+        elif key.isalpha() and key not in "nov":
+            segment = key
+        content.append(key.encode())
+        doubles = len(words) if key == "n" or segment in ("r", "b") and key.isdigit() else 0
+        if not key and segment in ("x", "J", "G"):
+            doubles = 1
+        integers = len(words) - doubles
+        content.append(struct.pack(f"<{integers}i", *map(int, words[:integers])))
+        content.append(struct.pack(f"<{doubles}d", *map(float, words[integers:])))
+    return b"".join(content)
 
 
 @dataclass(frozen=True)

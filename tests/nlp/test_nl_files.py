@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from known_problems import INF, instances
 
 from casswarm.errors import ProblemError
-from casswarm.nlp import Instances, Nlp, nl_text, operations, read_nl
+from casswarm.nlp import Instances, Nlp, nl_bytes, nl_text, operations, read_nl
 
 HEADER = (
     "g3 1 1 0\t# problem small",
@@ -77,6 +78,24 @@ def program(objective, rows=(), size: int = 2) -> tuple[Nlp, Instances]:
     return nlp, instances(np.ones(size), lbg=-free, ubg=free)
 
 
+def binary(order: str = "<", kind: int = 1) -> bytes:
+    """The small problem as a binary file: every field by itself, in an order of bytes."""
+    fields = (
+        *(b"V", 2, 1, 0, 1, 3.0, b"o", 5, b"v", 0, b"s", np.int16(2)),
+        *(b"C", 0, b"o", 2, b"v", 2, b"v", 2, b"O", 0, 1, b"o", 16, b"v", 0),
+        *(b"S", 4, 1, 14, b"scaling_factor", 0, 2.5, b"S", 0, 1, 3, b"key", 0, 1),
+        *(b"d", 1, 0, 1.0, b"x", 1, 0, 3.0, b"r", b"1", 4.5, b"b", b"3", b"0", -1.0, 5.0),
+        *(b"k", 1, 1, b"J", 0, 2, 0, 0.0, 1, 10.0, b"G", 0, 1, 0, 7.0),
+    )
+    codes = {int: "i", float: "d", np.int16: "h"}
+    header = "\n".join(HEADER).replace("g3", "b3").replace("0 0 0 1\t", f"0 0 {kind} 1\t") + "\n"
+    body = (
+        field if isinstance(field, bytes) else struct.pack(order + codes[type(field)], field)
+        for field in fields
+    )
+    return header.encode() + b"".join(body)
+
+
 def values(nlp: Nlp, x) -> list[np.ndarray]:
     """f, g, gradient and Jacobian at a point."""
     parts = (*nlp.evaluate(x, []), nlp.gradient(x, [])[1], nlp.jacobian(x, []))
@@ -131,7 +150,7 @@ def test_read_nl_evaluates_operators(tmp_path: Path, expression: str) -> None:
 
 
 REFUSED = {
-    "binary format": (SMALL.replace("g3", "b3", 1), "is in the binary format; write it as text"),
+    "text as binary": (SMALL.replace("g3", "b3", 1), "byte 494: the file has '540090418' where a"),
     "no nl": ("hello\n" + SMALL, "line 1: the file is no .nl file"),
     "not text": (b"g3 \xff", "bytes that are not ASCII"),
     "empty": ("", "ends too early: is it truncated"),
@@ -188,6 +207,51 @@ def test_read_nl_of_changed_file_reads_or_refuses(tmp_path_factory, at: int, cha
         assert instance.x0.shape[1] == nlp.sizes[0]
 
 
+@pytest.mark.parametrize(("order", "kind"), [("<", 0), ("<", 1), (">", 2)])
+def test_read_nl_of_binary_file_is_that_of_the_text(tmp_path: Path, order: str, kind: int) -> None:
+    (nlp, instance), (again, same) = read(tmp_path, SMALL), read(tmp_path, binary(order, kind))
+    for one, two in zip(values(nlp, [2.0, 1.0]), values(again, [2.0, 1.0]), strict=True):
+        np.testing.assert_array_equal(one, two)
+    for part in ("x0", "lbx", "ubx", "lbg", "ubg"):
+        np.testing.assert_array_equal(getattr(same, part), getattr(instance, part))
+
+
+def test_read_nl_refuses_every_truncated_binary_file(tmp_path: Path) -> None:
+    content = binary()
+    for count in range(len(content)):
+        with pytest.raises(ProblemError, match=r"truncated|first line does not begin"):
+            read(tmp_path, content[:count])
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ((b"0 0 1 1\t", b"0 0 3 1\t"), "numbers of the kind 3; only IEEE is supported"),
+        ((b"\x0e\0\0\0scaling_factor", b"\x05\0\0\0sosno"), "special ordered sets"),
+        ((b"o\x10", b"o\x63"), "operator o99"),
+        ((b"k\x01", b"q\x01"), "has 'q' where a segment should begin"),
+        ((b"x\x01\0\0\0", b"x\x01\0\0\x80"), "has '-2147483647' where a whole number"),
+        ((b"O\0", b"Oh"), "where a whole number from 0 to 0 is expected"),
+    ],
+)
+def test_read_nl_refusal_of_binary_file_names_the_reason(tmp_path: Path, change, reason) -> None:
+    content = binary()
+    assert content.count(change[0]) == 1
+    with pytest.raises(ProblemError) as refusal:
+        read(tmp_path, content.replace(*change))
+    assert reason in str(refusal.value)
+    assert refusal.value.file == tmp_path / "problem.nl"
+
+
+@given(st.integers(0, len(binary()) - 1), st.integers(0, 255))
+def test_read_nl_of_changed_binary_file_reads_or_refuses(tmp_path_factory, at, byte) -> None:
+    content = bytearray(binary())
+    content[at] = byte
+    with suppress(ProblemError):
+        nlp, instance = read(tmp_path_factory.getbasetemp(), bytes(content))
+        assert instance.x0.shape[1] == nlp.sizes[0]
+
+
 def test_read_nl_takes_deep_expressions(tmp_path: Path) -> None:
     deep = "o0\nn1\n" * 5_000 + "v0"
     nlp, _ = read(tmp_path, SMALL.replace("O0 1\no16\nv0", f"O0 0\n{deep}"))
@@ -213,6 +277,9 @@ def test_written_problem_is_read_as_the_same(tmp_path: Path, number: int) -> Non
         np.testing.assert_array_equal(getattr(instance, part), getattr(case.instance, part))
     builder = ca.NlpBuilder()  # CasADi's own reader
     builder.import_nl(str(tmp_path / "problem.nl"))
+    from_binary, same = read(tmp_path, nl_bytes(case.nlp, case.instance))
+    for part in ("x0", "lbx", "ubx", "lbg", "ubg"):
+        np.testing.assert_array_equal(getattr(same, part), getattr(instance, part))
     x = ca.vertcat(*builder.x)
     g = ca.vertcat(ca.MX(0, 1), *builder.g)
     other = Nlp.from_expressions("other", x, ca.MX(0, 1), ca.MX(builder.f), g)
@@ -221,6 +288,8 @@ def test_written_problem_is_read_as_the_same(tmp_path: Path, number: int) -> Non
     for _ in range(3):
         point = case.instance.x0[0] + 0.1 * generator.normal(size=case.instance.x0.shape[1])
         expected = values(case.nlp, point)
+        for one, two in zip(values(nlp, point), values(from_binary, point), strict=True):
+            np.testing.assert_array_equal(one, two)
         for again in (values(nlp, point), values(other, point)):
             for one, two in zip(expected, again, strict=True):
                 np.testing.assert_allclose(two, one, rtol=1e-10, atol=1e-10)
