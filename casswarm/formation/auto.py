@@ -70,8 +70,12 @@ class Auto(Solver):
         alone = self._batch(nlp, instance) is None
         return self.fallback.iterates(nlp, instance) if alone else None
 
-    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+    def solve_batch(
+        self, nlp: Nlp, instances: Instances, *, sensitivities: bool = False
+    ) -> BatchSolution:
         """Solve every instance; `BatchSolution.used_fallback` marks those that needed Ipopt."""
+        if sensitivities:
+            return super().solve_batch(nlp, instances, sensitivities=True)
         batch = self._batch(nlp, instances)
         if batch is None:
             return self.fallback.solve_batch(nlp, instances)

@@ -118,8 +118,12 @@ class BatchSolver(Solver):
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         return self.run_batch(nlp, instances).answers()
 
-    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+    def solve_batch(
+        self, nlp: Nlp, instances: Instances, *, sensitivities: bool = False
+    ) -> BatchSolution:
         """Solve every instance; residuals are recomputed from the problem, in its scale."""
+        if sensitivities:
+            return super().solve_batch(nlp, instances, sensitivities=True)
         run = self.run_batch(nlp, instances)
         return run.solution(run.results.outcome == CONVERGED)
 
@@ -266,7 +270,11 @@ class ProjectedGradient(Solver):
         _ = nlp.gradient if compiled is None else compiled.evaluate
 
     @override
-    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+    def solve_batch(
+        self, nlp: Nlp, instances: Instances, *, sensitivities: bool = False
+    ) -> BatchSolution:
+        if sensitivities:
+            return super().solve_batch(nlp, instances, sensitivities=True)
         if not self._is_compiled(nlp, instances):
             return super().solve_batch(nlp, instances)
         run = self._run_compiled(nlp, instances)

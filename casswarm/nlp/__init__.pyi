@@ -1,8 +1,8 @@
 from .nl_reader import read_nl
 from .nl_writer import nl_bytes, nl_text
 from .program import FeasibleSet, Instances, LagrangianHessian, Nlp
-from .residuals import invalid_value, kkt_residuals, relative_error
-from .solution import BatchSolution, Residuals, Solution, Status
+from .residuals import estimated_multipliers, invalid_value, kkt_residuals, relative_error
+from .solution import BatchSolution, Residuals, Sensitivities, Solution, Status
 
 __all__ = [
     "BatchSolution",
@@ -11,8 +11,10 @@ __all__ = [
     "LagrangianHessian",
     "Nlp",
     "Residuals",
+    "Sensitivities",
     "Solution",
     "Status",
+    "estimated_multipliers",
     "invalid_value",
     "kkt_residuals",
     "nl_bytes",

@@ -74,7 +74,7 @@ def nl_bytes(nlp: Nlp, instance: Instances) -> bytes:
         elif key.isalpha() and key not in "nov":
             segment = key
         content.append(key.encode())
-        doubles = len(words) if key == "n" or segment in ("r", "b") and key.isdigit() else 0
+        doubles = len(words) if key == "n" or (segment in ("r", "b") and key.isdigit()) else 0
         if not key and segment in ("x", "J", "G"):
             doubles = 1
         integers = len(words) - doubles

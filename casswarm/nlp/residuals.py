@@ -145,6 +145,15 @@ def invalid_value(nlp: Nlp, instance: Instances, x: FloatArray) -> str:
     return ""
 
 
+def estimated_multipliers(nlp: Nlp, instance: Instances, x: FloatArray) -> FloatArray:
+    """Multipliers (nx + ng,) of bounds and rows by least squares over the active rows at `x`.
+
+    NaN where the functions at x are not finite.
+    """
+    point = _point(nlp, instance, x)
+    return np.full(sum(nlp.sizes[::2]), np.nan) if point is None else _estimate(point)
+
+
 class _Point(NamedTuple):
     """The functions of a problem at a point; rows are the bounds on x, then g."""
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,58 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
+class Sensitivities:
+    """Derivatives of B solutions by the parameters p of their program.
+
+    Parameters
+    ----------
+    value_gradient : (B, np)
+        Of the optimal values; NaN without a solution.
+    weakly_active : (B, nx + ng) bool
+        Rows whose multiplier and slack are both near zero: the solution may have derivatives by
+        directions only, and `dx_dp` is that of one of the possible sets of active rows.
+    regular : (B,) bool
+        Whether there is a solution at which the gradients of active rows are linearly independent,
+        and the second-order sufficient condition holds.
+    forward : callable
+        Computes `dx_dp` and `dlam_dp`, when one of them is first read.
+    adjoint : callable
+        bar_x (B, nx), and optionally bar_lam (B, nx + ng), to their products (B, np) with
+        dx_dp and dlam_dp, by a single solve for each instance.
+    """
+
+    value_gradient: FloatArray
+    weakly_active: BoolArray
+    regular: BoolArray
+    forward: Callable[[], tuple[FloatArray, FloatArray]]
+    adjoint: Callable[..., FloatArray]
+
+    @property
+    def dx_dp(self) -> FloatArray:
+        """Derivatives of the solutions (B, nx, np); NaN where `regular` is False."""
+        return self._both[0]
+
+    @property
+    def dlam_dp(self) -> FloatArray:
+        """Derivatives of the multipliers (B, nx + ng, np) of the bounds on x, then of g.
+
+        Zero where these are not active, and NaN where `regular` is False.
+        """
+        return self._both[1]
+
+    @cached_property
+    def _both(self) -> tuple[FloatArray, FloatArray]:
+        return self.forward()
+
+    def __repr__(self) -> str:
+        weak = int(self.weakly_active.any(axis=1).sum())
+        return (
+            f"Sensitivities({int(self.regular.sum())} of {len(self.regular)} regular, "
+            f"{weak} with weakly active rows, {self.value_gradient.shape[1]} parameters)"
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class BatchSolution:
     """Results of B instances, as arrays.
 
@@ -131,6 +184,8 @@ class BatchSolution:
         Time for the whole batch.
     messages : (B,) str
         Status and message of every solve; empty for those of compiled batch solvers.
+    sensitivities : Sensitivities, optional
+        Derivatives by the parameters, where they are asked for.
     """
 
     x: FloatArray
@@ -141,6 +196,7 @@ class BatchSolution:
     used_fallback: BoolArray
     seconds: float
     messages: NDArray[np.object_]
+    sensitivities: Sensitivities | None = None
 
     def __repr__(self) -> str:
         largest = self.violation.max(initial=0.0), self.stationarity[self.success].max(initial=0.0)
@@ -167,10 +223,10 @@ class BatchSolution:
         )
 
     def with_rows(self, rows: IntArray, other: BatchSolution) -> BatchSolution:
-        """These results, with those of `other` in the given rows."""
+        """These results, with those of `other` in the given rows, without sensitivities."""
         merged: dict[str, Any] = {"seconds": self.seconds + other.seconds}
         for part in fields(self):
-            if part.name != "seconds":
+            if part.name not in ("seconds", "sensitivities"):
                 merged[part.name] = getattr(self, part.name).copy()
                 merged[part.name][rows] = getattr(other, part.name)
         return BatchSolution(**merged)

@@ -5,6 +5,8 @@ from .interior_point.solver import FilterInteriorPoint
 from .isolated import Isolated
 from .registry import SOLVERS, UNSUPPORTED, make_solver, register_solver
 from .scipy import Minimize, Slsqp
+from .layers import layer
+from .sensitivities import sensitivities
 
 def __getattr__(name: str) -> type[Solver]: ...  # registered by other rooms
 
@@ -26,6 +28,8 @@ __all__ = [
     "Sqp",
     "Uno",
     "Unopy",
+    "layer",
     "make_solver",
     "register_solver",
+    "sensitivities",
 ]

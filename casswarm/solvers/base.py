@@ -287,8 +287,15 @@ class Solver(ABC):
                 for i, answer in enumerate(answers)
             ]
 
-    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
-        """Like `solve`, for thousands of instances: arrays instead of objects."""
+    def solve_batch(
+        self, nlp: Nlp, instances: Instances, *, sensitivities: bool = False
+    ) -> BatchSolution:
+        """Like `solve`, for thousands of instances: arrays instead of objects.
+
+        With `sensitivities`, the solution has derivatives by the parameters (`Sensitivities`).
+        """
+        if sensitivities:
+            return differentiated(nlp, instances, self.solve_batch(nlp, instances))
         return BatchSolution.from_solutions(self.solve(nlp, instances), instances.scale)
 
     def timed_answers(self, nlp: Nlp, instances: Instances) -> tuple[float, Sequence[Answer]]:
@@ -395,6 +402,19 @@ def settings(solver: Solver) -> dict[str, Any]:
         return {key: setting for key, setting in pairs if setting is not None}
 
     return filled(solver.backend_options)
+
+
+def differentiated(
+    nlp: Nlp,
+    instances: Instances,
+    solution: BatchSolution,
+    multipliers: tuple[FloatArray, FloatArray] | None = None,
+) -> BatchSolution:
+    """The solution with its `sensitivities`."""
+    from .sensitivities import sensitivities  # seldom needed
+
+    found = sensitivities(nlp, instances, solution, multipliers)
+    return replace(solution, sensitivities=found)
 
 
 def failed(instances: Instances, message: str, status: Status = Status.FAILED) -> list[Answer]:

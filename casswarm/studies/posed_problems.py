@@ -54,7 +54,11 @@ class Recorder(Solver):
         return answers
 
     @override
-    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+    def solve_batch(
+        self, nlp: Nlp, instances: Instances, *, sensitivities: bool = False
+    ) -> BatchSolution:
+        if sensitivities:
+            return super().solve_batch(nlp, instances, sensitivities=True)
         batch = self.inner.solve_batch(nlp, instances)
         self.records.append((nlp, instances, batch.x))
         return batch

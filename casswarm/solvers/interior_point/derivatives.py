@@ -184,7 +184,7 @@ class FunctionLinearisation(Linearisation):
 
     def __init__(self, functions: Functions, x: FloatArray, p: FloatArray) -> None:
         self._functions, self._at = functions, (x, p)
-        self.gradient, self._entries = functions.first(x, p)
+        self.gradient, self.entries = functions.first(x, p)
 
     @override
     def times(self, vectors: FloatArray) -> FloatArray:
@@ -200,7 +200,7 @@ class FunctionLinearisation(Linearisation):
         self, rows: IntArray, columns: IntArray, vectors: FloatArray, size: int
     ) -> FloatArray:
         out = np.empty((size, vectors.shape[1]))
-        times(self._entries, rows, columns, vectors, out)
+        times(self.entries, rows, columns, vectors, out)
         return out
 
     @property
@@ -210,7 +210,7 @@ class FunctionLinearisation(Linearisation):
     @override
     def row_sizes(self) -> FloatArray:
         sizes = np.zeros((self._n_rows, self.gradient.shape[1]))
-        np.maximum.at(sizes, self._functions.first.patterns[1][0], abs(self._entries))
+        np.maximum.at(sizes, self._functions.first.patterns[1][0], abs(self.entries))
         return sizes
 
     @override
@@ -219,7 +219,7 @@ class FunctionLinearisation(Linearisation):
         if system is None:
             return DenseFactors(self.condensed(terms), shifts_to_try(last))
         of_x, of_g = terms.weights[:size], terms.weights[size:]
-        return SparseFactors(system, (self._hessian(terms), self._entries, of_g, of_x), last)
+        return SparseFactors(system, (self._hessian(terms), self.entries, of_g, of_x), last)
 
     def condensed(self, terms: Condensation) -> FloatArray:
         """Condensed matrices, (b, nx, nx)."""
@@ -229,7 +229,7 @@ class FunctionLinearisation(Linearisation):
         matrices[:, rows, columns] = matrices[:, columns, rows] = self._hessian(terms).T
         matrices[:, diagonal, diagonal] += terms.weights[:size].T
         jacobian = np.zeros((batch, self._n_rows, size))
-        jacobian[:, *self._functions.first.patterns[1]] = self._entries.T
+        jacobian[:, *self._functions.first.patterns[1]] = self.entries.T
         weighted = jacobian * terms.weights[size:].T[..., None]
         return np.asarray(matrices + weighted.swapaxes(1, 2) @ jacobian)
 

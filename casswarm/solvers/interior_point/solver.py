@@ -27,6 +27,7 @@ from ..base import (
     Positive,
     Solver,
     backend_error,
+    differentiated,
 )
 from .derivatives import NumericDerivatives, Problems, numeric_problems, program_functions
 from .engine import minimise
@@ -191,11 +192,15 @@ class FilterInteriorPoint(Solver):
                 answers[i] = replace(answer, message=message, seconds=answer.seconds + each)
         return answers
 
-    def solve_batch(self, nlp: Nlp, instances: Instances) -> BatchSolution:
+    @override
+    def solve_batch(
+        self, nlp: Nlp, instances: Instances, *, sensitivities: bool = False
+    ) -> BatchSolution:
         """Solve every instance; residuals are recomputed for all of them at once.
 
         Stationarity is the larger of the Lagrangian's gradient and of complementarity, in
         `Instances.scale`. `BatchSolution.used_fallback` marks those that the fallback solved.
+        With `sensitivities`, the solution has derivatives by the parameters (`Sensitivities`).
         """
         instances.require_fit(nlp)
         started = time.perf_counter()
@@ -206,13 +211,17 @@ class FilterInteriorPoint(Solver):
                 solution = verified(nlp, instances, results, scaling)
         except USER_ERRORS as error:  # of a function that the user wrote: of one instance, perhaps
             backend_error(error)
-            return super().solve_batch(nlp, instances)
+            return super().solve_batch(nlp, instances, sensitivities=sensitivities)
         solution = replace(solution, seconds=seconds)
         left = np.flatnonzero(~solution.success)
-        if self.fallback is None or not left.size:
-            return solution
-        again = self.fallback.solve_batch(nlp, instances[left])
-        return solution.with_rows(left, replace(again, used_fallback=np.ones(left.size, bool)))
+        if self.fallback is not None and left.size:
+            again = self.fallback.solve_batch(nlp, instances[left])
+            again = replace(again, used_fallback=np.ones(left.size, bool))
+            solution = solution.with_rows(left, again)
+            results.lam_x[left] = np.nan  # are estimated
+        if sensitivities:
+            return differentiated(nlp, instances, solution, (results.lam_x, results.lam_g))
+        return solution
 
     def _results(self, nlp: Nlp, instances: Instances) -> tuple[Results, Scaling]:
         """Results of all instances, in their units, and the scaling that was used."""
