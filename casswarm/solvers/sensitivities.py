@@ -38,11 +38,12 @@ from .interior_point.tape import Calls, Tape, scalar
 WEAK = 1e-4
 """Multiplier and slack, relative to the problem's scale, below which a row is weakly active."""
 
-_PENALTY = 1e6  # of active rows, relative to the Hessian
-_CONVERGED, _ACCURATE = 1e-12, 1e-9  # relative residuals: at which refinement ends, and allowed
+_PENALTY = 1e8  # of active rows, relative to the Hessian
+_CONVERGED, _ACCURATE = 1e-10, 1e-8  # relative residuals: at which refinement ends, and allowed
 _REFINEMENTS = 12
 _SINGULAR = 1e-11  # least eigenvalue of the system, relative to the largest
 _FAR = 1e-4  # relative length of a Newton step to the solution, from which it is not determined
+_FLAT = 1e-4  # least size of a Hessian, relative to the scale of the instance
 _WIDTH = 512  # of instances that are solved together
 
 
@@ -189,13 +190,21 @@ class _Part:
         self._lam, rows = np.ascontiguousarray(lam.T), np.ascontiguousarray(lam.T[size:])
         weights = np.vstack([np.ones((1, len(x))), rows])
         self._hessian = program.hessian(by_column, p, weights)[0]
+        rows_of, columns_of = program.hessian.patterns[0]
+        off = rows_of != columns_of  # of the upper triangle, whose entries are in both
+        self._symmetric = (
+            np.concatenate([self._hessian, self._hessian[off]]),
+            np.concatenate([rows_of, columns_of[off]]),
+            np.concatenate([columns_of, rows_of[off]]),
+        )
         self._cross, (of_cross, of_g, self._by_p) = cross, cross(by_column, p, weights)
         self._by_p[:, ~known] = np.nan
         self._entries = of_cross, of_g
         self._norms = np.vstack([np.ones_like(by_column), self._at.row_sizes()])
         self._set_active(instances, np.vstack([by_column, program.values(by_column, p)[1]]))
+        length, value = instances.scale.T
         self._size_of_hessian = abs(self._hessian).max(axis=0, initial=0.0)
-        self._size_of_hessian[~(self._size_of_hessian > 0.0)] = 1.0
+        np.maximum(self._size_of_hessian, _FLAT * value / length**2, self._size_of_hessian)
         stiff = _PENALTY * self._size_of_hessian / np.maximum(self._norms, 1e-300) ** 2
         self._penalties = np.where(self._active, stiff, 0.0)
         terms = Condensation(rows, self._penalties)
@@ -229,8 +238,9 @@ class _Part:
         generator = np.random.default_rng(0)
         top = self._size_of_hessian * generator.normal(size=self._at.gradient.shape)
         below = self._norms * generator.normal(size=self._norms.shape)
-        (u, _), error = self._refined(top, below * self._active)
-        bounded = abs(u).max(axis=0, initial=0.0) < 1.0 / _SINGULAR
+        (u, v), error = self._refined(top, below * self._active)
+        size = abs(v * self._norms).max(axis=0, initial=0.0) / self._size_of_hessian
+        bounded = np.maximum(abs(u).max(axis=0, initial=0.0), size) < 0.1 * _PENALTY
         self.regular &= (error < _ACCURATE) & bounded
         for i in np.flatnonzero(known & ~self.regular):
             self._factorise(i)
@@ -260,12 +270,9 @@ class _Part:
             self._dense[i] = linalg.lu_factor(matrix), rows, scale
 
     def _hessian_times(self, u: FloatArray) -> FloatArray:
-        rows, columns = self._program.hessian.patterns[0]
-        above, below = np.empty_like(u), np.empty_like(u)
-        off = rows != columns
-        times(self._hessian, rows, columns, u, above)
-        times(np.ascontiguousarray(self._hessian[off]), columns[off], rows[off], u, below)
-        return above + below
+        product = np.empty_like(u)
+        times(*self._symmetric, u, product)
+        return product
 
     def _refined(self, top: FloatArray, below: FloatArray) -> tuple[Any, FloatArray]:
         """Solutions (u, v) of H u + A' v = top, A u = below, and their relative residuals (b,)."""
@@ -280,11 +287,12 @@ class _Part:
         for _ in range(_REFINEMENTS):
             forces = self._penalties * low
             pulled = right + forces[:size] + self._at.transposed_times(forces[size:])
-            du = self._factors.solve(np.ascontiguousarray(pulled))
-            u = u + du
-            v = v + self._penalties * np.vstack([du, self._at.times(du)]) - forces
+            du = self._factors.solve(pulled)
+            u += du
+            moves = np.concatenate([du, self._at.times(du)])
+            v += self._penalties * moves - forces
             right = top - self._hessian_times(u) - v[:size] - self._at.transposed_times(v[size:])
-            low = below - active * np.vstack([u, self._at.times(u)])
+            low = low - active * moves
             moved = np.maximum(largest, abs(u).max(axis=0, initial=0.0))
             moved = np.maximum(moved, abs(v * norms).max(axis=0, initial=0.0) / stiffness)
             error = abs(right).max(axis=0, initial=0.0) / stiffness
