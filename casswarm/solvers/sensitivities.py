@@ -20,6 +20,7 @@ import numpy as np
 from scipy import linalg
 
 from .._util.threads import locked_cache, one_blas_thread
+from ..compiled.kernels import contiguous
 from ..errors import SolverError
 from ..nlp.program import Instances, Nlp
 from ..nlp.residuals import estimated_multipliers
@@ -146,8 +147,8 @@ class KktSystems:
         with one_blas_thread(), np.errstate(all="ignore"):
             for part in self.parts:
                 some = slice(start, start + len(part.regular))
-                bar = None if bar_lam is None else np.ascontiguousarray(bar_lam[some].T)
-                parts.append(part.adjoint(np.ascontiguousarray(bar_x[some].T), bar))
+                bar = None if bar_lam is None else contiguous(bar_lam[some].T)
+                parts.append(part.adjoint(contiguous(bar_x[some].T), bar))
                 start = some.stop
         return np.concatenate(parts)
 
@@ -185,9 +186,9 @@ class _Part:
         known: BoolArray,
     ) -> None:
         (program, cross), size = functions, x.shape[1]
-        by_column, p = np.ascontiguousarray(x.T), np.ascontiguousarray(instances.p.T)
+        by_column, p = contiguous(x.T), contiguous(instances.p.T)
         self._at, self._program = FunctionLinearisation(program, by_column, p), program
-        self._lam, rows = np.ascontiguousarray(lam.T), np.ascontiguousarray(lam.T[size:])
+        self._lam, rows = contiguous(lam.T), contiguous(lam.T[size:])
         weights = np.vstack([np.ones((1, len(x))), rows])
         self._hessian = program.hessian(by_column, p, weights)[0]
         rows_of, columns_of = program.hessian.patterns[0]
@@ -203,8 +204,8 @@ class _Part:
         self._norms = np.vstack([np.ones_like(by_column), self._at.row_sizes()])
         self._set_active(instances, np.vstack([by_column, program.values(by_column, p)[1]]))
         length, value = instances.scale.T
-        self._size_of_hessian = abs(self._hessian).max(axis=0, initial=0.0)
-        np.maximum(self._size_of_hessian, _FLAT * value / length**2, self._size_of_hessian)
+        sizes = abs(self._hessian).max(axis=0, initial=0.0)
+        self._size_of_hessian = np.maximum(sizes, _FLAT * value / length**2)
         stiff = _PENALTY * self._size_of_hessian / np.maximum(self._norms, 1e-300) ** 2
         self._penalties = np.where(self._active, stiff, 0.0)
         terms = Condensation(rows, self._penalties)
@@ -229,7 +230,7 @@ class _Part:
         distance = abs(self._distance) / np.maximum(self._norms, 1e-300) / self._length
         equal = are_equal(lower, upper)
         self._active = equal | (forces > distance)
-        pulled = self._at.transposed_times(np.ascontiguousarray(self._lam[size:]))
+        pulled = self._at.transposed_times(contiguous(self._lam[size:]))
         self._residual = self._at.gradient + pulled + self._lam[:size]
         self.weak = ~equal & (np.maximum(forces, distance) < WEAK)
 
@@ -343,7 +344,7 @@ class _Part:
             self._entries, self._cross.patterns, (u, v[size:]), strict=False
         ):
             part = np.empty((len(self._by_p), u.shape[1]))
-            times(entries, columns, rows, np.ascontiguousarray(vectors), part)
+            times(entries, columns, rows, contiguous(vectors), part)
             products -= part.T
         return products
 
