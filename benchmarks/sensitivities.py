@@ -1,11 +1,11 @@
-"""Sensitivities of batches: against central differences, the time of a solve, and CasADi's own.
+"""Sensitivities of batches: against central differences, and the time of a solve.
 
 Run in a checkout, with the installed package::
 
     OMP_NUM_THREADS=1 python benchmarks/sensitivities.py             # two minutes
     OMP_NUM_THREADS=1 python benchmarks/sensitivities.py --quick     # fewer instances
 
-Prints Markdown tables. *Error* is the largest difference of dx/dp from extrapolated central
+Prints a Markdown table. *Error* is the largest difference of dx/dp from extrapolated central
 differences, relative to the larger of 1 and of the largest entry, among instances where differences
 of two steps agree to 1e-5 (*comparable*; elsewhere the active set changes, or the solution is not
 unique, within a step). Parameters are the linear term of the objective and the shifts of the rows.
@@ -84,7 +84,7 @@ def differences(nlp: Nlp, instances: Instances, x: Any, step: float) -> tuple[An
 
 def row(nlp: Nlp, instances: Instances) -> list[Any]:
     """A row of the table."""
-    SOLVER.solve_batch(nlp, instances[:2], sensitivities=True).sensitivities.dx_dp  # compile
+    SOLVER.solve_batch(nlp, instances[:2], sensitivities=True).sensitivities.forward()  # compile
     times = [time.process_time()]
     SOLVER.solve_batch(nlp, instances)
     times.append(time.process_time())
@@ -108,45 +108,14 @@ def row(nlp: Nlp, instances: Instances) -> list[Any]:
     return [nlp.name, *counts, f"{error.max(initial=0.0):.1e}", nlp.sizes[1], *shares]
 
 
-def casadi(nlp: Nlp, instances: Instances, count: int) -> list[Any]:
-    """Microseconds per instance of derivatives dx/dp here, and those of `casadi.nlpsol`."""
-    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes"}
-    options |= {"error_on_fail": False, "ipopt.tol": 1e-10}
-    program = {"x": nlp.x, "p": nlp.p, "f": nlp.objective, "g": nlp.g}
-    solver = ca.nlpsol("solver", "ipopt", program, options)
-    # the derivative is another function, of which the solution is an argument
-    p = ca.MX.sym("p", nlp.sizes[1])
-    one = instances[:1]
-    bounds = {"lbx": one.lbx[0], "ubx": one.ubx[0], "lbg": one.lbg[0], "ubg": one.ubg[0]}
-    x = solver(x0=one.x0[0], p=p, **bounds)["x"]
-    solved, derived = ca.Function("x", [p], [x]), ca.Function("dx", [p], [ca.jacobian(x, p)])
-    timed = []
-    for function in (solved, derived):
-        start = time.process_time()
-        results = [np.asarray(function(p)) for p in instances.p[:count]]
-        timed.append((time.process_time() - start) / count)
-    start = time.process_time()
-    SOLVER.solve_batch(nlp, instances)
-    middle = time.process_time()
-    found = SOLVER.solve_batch(nlp, instances, sensitivities=True).sensitivities
-    exact = found.dx_dp
-    own = (time.process_time() - middle - (middle - start)) / len(instances)
-    difference = max(abs(one - two).max() for one, two in zip(results, exact, strict=False))
-    theirs = timed[1] - timed[0]  # without the solve
-    return [nlp.sizes[0], *(f"{1e6 * t:.0f}" for t in (own, theirs)), f"{difference:.1e}"]
-
-
 def main() -> None:
     """Print the tables."""
     quick = "--quick" in sys.argv[1:]
     batch = 50 if quick else 1000
-    posed = [] if "casadi" in sys.argv else [shifted(number, batch) for number in NUMBERS]
+    posed = [shifted(number, batch) for number in NUMBERS]
     posed += [window(steps, batch // 2) for steps in (10, 17)]
     head = ["program", "solved", "regular", "weak", "comparable", "error", "parameters"]
     print_table([*head, "adjoint", "dx/dp"], [row(*each) for each in posed])
-    print()
-    heads = ["variables", "here, us", "CasADi's, us", "difference"]
-    print_table(heads, [casadi(*window(17, batch // 2), 5)])
 
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@ from .casadi_plugins import Alpaqa, Ipopt, NlpSol, Sleqp, Sqp, Uno
 from .external import Pounce, Unopy
 from .interior_point.solver import FilterInteriorPoint
 from .isolated import Isolated
+from .layers import layer
 from .registry import SOLVERS, UNSUPPORTED, make_solver, register_solver
 from .scipy import Minimize, Slsqp
-from .layers import layer
-from .sensitivities import sensitivities
+from .sensitivity import sensitivities
 
 def __getattr__(name: str) -> type[Solver]: ...  # registered by other rooms
 

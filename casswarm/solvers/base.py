@@ -411,7 +411,7 @@ def differentiated(
     multipliers: tuple[FloatArray, FloatArray] | None = None,
 ) -> BatchSolution:
     """The solution with its `sensitivities`."""
-    from .sensitivities import sensitivities  # seldom needed
+    from .sensitivity import sensitivities  # seldom needed
 
     found = sensitivities(nlp, instances, solution, multipliers)
     return replace(solution, sensitivities=found)

@@ -351,5 +351,3 @@ class _Part:
     def value_gradient(self) -> FloatArray:
         """Gradients (b, np) of the optimal values; NaN without a solution."""
         return np.asarray(self._by_p.T)
-
-
