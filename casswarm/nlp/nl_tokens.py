@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 from typing_extensions import override
 
@@ -211,9 +212,10 @@ class Binary(Text):
         return ProblemError(message, file=self.path)
 
     def _string(self, length: int) -> str:
-        return bytes(self._unpacked(f"{length}s")[0]).decode("latin-1")
+        text: bytes = self._unpacked(f"{length}s")[0]
+        return text.decode("latin-1")
 
-    def _unpacked(self, kinds: str) -> tuple[float, ...]:
+    def _unpacked(self, kinds: str) -> tuple[Any, ...]:
         """The next numbers of these kinds of `struct`."""
         layout = self._order + kinds
         end = self._place + struct.calcsize(layout)
