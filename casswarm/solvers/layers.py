@@ -75,14 +75,14 @@ Solve = Callable[[FloatArray], tuple[FloatArray, Adjoint]]
 def _torch(solve: Solve, _: int) -> Callable[[Any], Any]:
     import torch
 
-    class Layer(torch.autograd.Function):
+    class Layer(torch.autograd.Function):  # type: ignore[misc]
         @staticmethod
         def forward(ctx: Any, p: Any) -> Any:
             x, ctx.adjoint = solve(p.numpy(force=True))
             return torch.as_tensor(x, dtype=p.dtype, device=p.device)
 
         @staticmethod
-        @torch.autograd.function.once_differentiable
+        @torch.autograd.function.once_differentiable  # type: ignore[untyped-decorator]
         def backward(ctx: Any, bar: Any) -> Any:
             product = ctx.adjoint(bar.numpy(force=True).astype(float))
             return torch.as_tensor(product, dtype=bar.dtype, device=bar.device)
@@ -102,7 +102,7 @@ def _jax(solve: Solve, size: int) -> Callable[[Any], Any]:
 
         return jax.pure_callback(of_arrays, like, *arrays)
 
-    @jax.custom_vjp
+    @jax.custom_vjp  # type: ignore[untyped-decorator]
     def solution(p: Any) -> Any:
         return call(lambda values: solve(values)[0], size, p)
 

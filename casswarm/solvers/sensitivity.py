@@ -90,7 +90,7 @@ def _cross_derivatives(nlp: Nlp) -> Tape | Calls:
         return _derived(Calls, ca.MX, nlp)
 
 
-def _derived(kind: Any, symbols: Any, nlp: Nlp) -> Any:
+def _derived(kind: type[Tape] | type[Calls], symbols: Any, nlp: Nlp) -> Tape | Calls:
     variables, parameters, rows = nlp.sizes
     x, p, weights = (symbols.sym("v", size) for size in (variables, parameters, 1 + rows))
     evaluate = scalar(nlp.evaluate) if kind is Tape else nlp.evaluate
@@ -244,7 +244,7 @@ class _Part:
         bounded = np.maximum(abs(u).max(axis=0, initial=0.0), size) < 0.1 * _PENALTY
         self.regular &= (error < _ACCURATE) & bounded
         for i in np.flatnonzero(known & ~self.regular):
-            self._factorise(i)
+            self._factorise(int(i))
         step, _ = self._solved(-self._residual, np.where(self._active, -self._distance, 0.0))
         near = abs(step).max(axis=0, initial=0.0) <= _FAR * self._length
         self.regular &= near
