@@ -14,11 +14,11 @@ import casadi as ca
 import numpy as np
 
 from .._util.files import require_file
-from .._util.text import counted
+from .._util.text import counted, printable
 from ..errors import ProblemError
 from ..typing import Expr
 from .operations import OPERATORS, Operator
-from .program import Instances, Nlp
+from .program import Instances, NamedRows, Nlp
 
 MAX_BYTES = 2**27
 """Size up to which a file is read: some million operations."""
@@ -164,6 +164,8 @@ def read_nl(path: Path, name: str) -> tuple[Nlp, Instances]:
     """Read a problem, and its initial guess, from a text file in .nl format.
 
     A maximum becomes the minimum of the negative objective, and without an objective it is zero.
+    Names of constraints and variables are those of the files .row and .col beside it, where they
+    fit, or c0, c1, ... and x0, x1, ...
 
     Parameters
     ----------
@@ -178,7 +180,22 @@ def read_nl(path: Path, name: str) -> tuple[Nlp, Instances]:
         supported: integer variables, several objectives, complementarity, special ordered sets,
         logical constraints, imported functions, piecewise-linear terms, or the binary format.
     """
-    return _Reader(Lines(path)).program(name)
+    program, instance = _Reader(Lines(path)).program(name)
+    variables, _, rows = program.sizes
+    named = _names(path.with_suffix(".row"), rows, "c"), _names(path.with_suffix(".col"), variables, "x")
+    return program.with_attachments(NamedRows(named[0], (1,) * rows, named[1])), instance
+
+
+def _names(path: Path, count: int, letter: str) -> tuple[str, ...]:
+    """Names in a file, of which it may have more than needed; numbered ones without such a file."""
+    try:
+        require_file(path, MAX_BYTES)
+        names = path.read_text("utf-8").split()
+    except (OSError, UnicodeDecodeError):
+        names = []
+    if len(names) < count:
+        return tuple(f"{letter}{i}" for i in range(count))
+    return tuple(map(printable, names[:count]))
 
 
 class _Reader:
