@@ -36,7 +36,7 @@ from ..typing import BoolArray, FloatArray, IntArray
 TOLERANCE = 1e-6
 """Largest violation that counts as none, in the units of `Units`."""
 
-_SOLVER = FilterInteriorPoint(tolerance=1e-9, max_iter=100, mu_init=1e-2, scaling=False)
+_SOLVER = FilterInteriorPoint(tolerance=1e-12, max_iter=80, mu_init=1e-2, scaling=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,24 +166,28 @@ class ElasticPrograms:
     """
 
     def __init__(self, nlp: Nlp, instance: Instances, units: Units) -> None:
-        self.nlp, self.instance, self.units = nlp, instance, units
         nx, _, ng = nlp.sizes
         z, scale = ca.MX.sym("z", nx), ca.MX.sym("scale", nx + ng)
         g = nlp.evaluate(scale[:nx] * z, ca.DM(instance.p[0]))[1]
         rows = {"g": g / scale[nx:]} if ng else {}
         self._rows = Nlp(nlp.name, {"z": z}, {"scale": scale}, ca.MX(0), rows)
-        self._scale = np.concatenate([units.x, units.rows])
-        low, high = (
-            np.concatenate([getattr(instance, f"{end}{part}")[0] for part in "gx"])
-            / np.concatenate([units.rows, units.x])
-            for end in ("lb", "ub")
-        )
-        self._low, self._high = low, high
-        self._rows_between = low[:ng], high[:ng]
         weights = ca.MX.sym("sets", 3 * ng)
         elastic = Nlp(nlp.name, {"z": z}, {"sets": weights}, ca.MX(0), {})
         self._program = elastic.with_attachments(NumericDerivatives(self._problems))
-        self.points, self.violations = np.empty((0, nx)), np.empty((0, nx + ng))
+        self._bounds = tuple(
+            np.concatenate([getattr(instance, f"{end}{part}")[0] for part in "gx"])
+            for end in ("lb", "ub")
+        )
+        self.pose(units)
+
+    def pose(self, units: Units) -> None:
+        """Take other units, and forget all points."""
+        ng, nx = len(units.rows), len(units.x)
+        self.units, self._scale = units, np.concatenate([units.x, units.rows])
+        entries = np.concatenate([units.rows, units.x])
+        self._low, self._high = (bound / entries for bound in self._bounds)
+        self._rows_between = self._low[:ng], self._high[:ng]
+        self.points, self.violations = np.empty((0, nx)), np.empty((0, ng + nx))
 
     def _problems(self, p: FloatArray) -> Problems:
         scale = np.broadcast_to(self._scale, (len(p), len(self._scale)))
@@ -198,7 +202,7 @@ class ElasticPrograms:
         values = np.hstack([g.T, z])
         with np.errstate(invalid="ignore"):
             violations = np.maximum(np.maximum(self._low - values, values - self._high), 0.0)
-        violations = np.where(np.isnan(values), np.inf, violations)
+        violations = np.where(np.isfinite(values), violations, np.inf)
         self.points = np.vstack([self.points, x])
         self.violations = np.vstack([self.violations, violations])
         return violations

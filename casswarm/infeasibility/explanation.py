@@ -19,12 +19,14 @@ from ..comparison import Problem
 from ..errors import ProblemError
 from ..nlp.program import Instances, NamedRows, Nlp
 from ..nlp.residuals import invalid_value
+from ..solvers import FilterInteriorPoint, Ipopt
 from ..typing import BoolArray, FloatArray
 from .elastic import TOLERANCE, ElasticPrograms, Units
 from .proof import is_contradiction
 
 _STARTS, _FEW, _MANY = 16, 4, 64  # of the whole program, of variants, of the set that is named
-_ROUNDS = 40
+_ROUNDS = 12
+_CLEAR = 10.0  # times the tolerance: a smaller violation may be that of a slow method
 _INVOLVED = 1e-4  # of the largest violation, above which an entry counts as a candidate
 
 
@@ -125,7 +127,9 @@ def explain(
     return _Search(nlp, instance, seed).explanation()
 
 
-def _posed(problem: Any, instances: Instances | None, arguments: dict[str, Any]) -> tuple[Nlp, Instances]:
+def _posed(
+    problem: Any, instances: Instances | None, arguments: dict[str, Any]
+) -> tuple[Nlp, Instances]:
     """Program and instance of what `explain` takes."""
     if isinstance(problem, ca.Opti):
         problem = Problem.from_opti(problem)
@@ -167,15 +171,19 @@ class _Search:
 
     def explanation(self) -> Explanation:
         """Explanation of the instance."""
-        crossed = np.flatnonzero((self.low > self.high) | (self.low == np.inf) | (self.high == -np.inf))
+        crossed = np.flatnonzero(
+            (self.low > self.high) | (self.low == np.inf) | (self.high == -np.inf)
+        )
         if crossed.size:
             some = np.arange(len(self.every)) == self.member[crossed[0]]
             return self._contradiction(some, self.centre[0], self.centre, proven=True)
-        self._pose(self.centre)
+        units = Units.of(self.nlp, self.instance, self.centre)
+        self.programs = ElasticPrograms(self.nlp, self.instance, units)
+        self.programs.add(self.centre)
         self._solve([self.every], self._starts(_STARTS))
         if (best := self._feasible(self.every)) is None:
             self._pose(self._best(self.every)[None])  # in units of what is left there
-            self._solve([self.every], np.vstack([self.centre, self._starts(_STARTS)]))
+            self._solve([self.every], self._starts(_STARTS // 2, 1))
             best = self._feasible(self.every)
         if best is not None:
             return self._answer(True, best, "feasible: {point} meets all rows and bounds")
@@ -193,19 +201,26 @@ class _Search:
             if some is None:
                 break
             some = self._reduced(some)
-            self._solve([some], self._starts(_MANY, 1))
+            self._solve([some], self._starts(_MANY, 2))
+            if not (proven := self._proven(some)):
+                self._solve_constrained(some)
             if self._feasible(some) is None and (witnesses := self._witnesses(some)) is not None:
-                return self._contradiction(some, self._best(some), witnesses, self._proven(some))
+                if not proven and self._largest(some).min() < _CLEAR * TOLERANCE:
+                    break
+                return self._contradiction(some, self._best(some), witnesses, proven)
         if (point := self._feasible(self.every)) is not None:
             return self._answer(True, point, "feasible: {point} meets all rows and bounds")
-        return self._answer(None, best, "undecided: no feasible point was found, and no set of rows could be verified to be contradictory")
+        return self._answer(
+            None,
+            best,
+            "undecided: no feasible point was found, and no set of rows could be verified to be contradictory",
+        )
 
     # --- elastic programs
 
     def _pose(self, points: FloatArray) -> None:
-        """Start with the elastic programs in units of some points."""
-        units = Units.of(self.nlp, self.instance, points)
-        self.programs = ElasticPrograms(self.nlp, self.instance, units)
+        """Pose the elastic programs again, in units of some points."""
+        self.programs.pose(Units.of(self.nlp, self.instance, points))
         self.programs.add(np.vstack([self.centre, points]))
 
     def _starts(self, count: int, stream: int = 0) -> FloatArray:
@@ -215,11 +230,27 @@ class _Search:
         spread = 10.0 ** rng.uniform(-1.0, 1.0, (count, 1)) * unit
         free = self.centre + spread * rng.standard_normal((count, unit.size))
         finite = np.isfinite(high - low)
-        within = np.where(finite, low, 0.0) + np.where(finite, high - low, 0.0) * rng.random(free.shape)
+        within = np.where(finite, low, 0.0) + np.where(finite, high - low, 0.0) * rng.random(
+            free.shape
+        )
         points = np.where(finite & (np.arange(count)[:, None] % 2 == 0), within, free)
         points = np.clip(points, low, high)
         points[:2] = np.stack([self.centre[0], self._best(self.every)])[:count]
         return points
+
+    def _solve_constrained(self, some: BoolArray) -> None:
+        """Look for points of a set by methods with constraints, which end elsewhere."""
+        nlp, instance, mask = self.nlp, self.instance, some[self.member]
+        ng, starts = nlp.sizes[2], self._starts(_STARTS // 2, 3)
+        rows, box = np.flatnonzero(mask[:ng]), mask[ng:]
+        constraints = {"g": nlp.g[rows.tolist()]} if rows.size else {}
+        program = Nlp(nlp.name, nlp.variables, nlp.parameters, ca.MX(0), constraints)
+        low, high = np.where(box, self.low[ng:], -np.inf), np.where(box, self.high[ng:], np.inf)
+        posed = Instances(starts, instance.p[0], low, high, self.low[rows], self.high[rows])
+        found = [FilterInteriorPoint(max_iter=60).solve_batch(program, posed).x]
+        found += [s.x[None] for s in Ipopt(max_iter=200).solve(program, posed[:2])]
+        points = np.vstack(found)
+        self.programs.add(points[np.isfinite(points).all(axis=1)])
 
     def _masks(self, sets: Sequence[BoolArray]) -> BoolArray:
         return np.stack(sets)[:, self.member]
@@ -278,7 +309,9 @@ class _Search:
         rest = rest[np.argsort(order[rest], kind="stable")]
         needed = np.zeros_like(some)
         while rest.size:
-            sets = [needed | np.isin(np.arange(some.size), rest[j:]) for j in range(1, rest.size + 1)]
+            sets = [
+                needed | np.isin(np.arange(some.size), rest[j:]) for j in range(1, rest.size + 1)
+            ]
             self._solve(sets, self._starts(_FEW))
             found = [j for j, each in enumerate(sets) if self._feasible(each) is not None]
             if not found:
@@ -348,12 +381,20 @@ class _Search:
             text += "The contradiction is proven in exact arithmetic. "
         else:
             text += (
-                f"A local method found no feasible point from {_MANY} starts, which is no proof. "
+                f"Local methods found no feasible point from {_MANY} starts, which is no proof. "
             )
         if len(chosen) > 1:
             text += "Without any one of them, a point that meets all the others was found."
         return Explanation(
-            False, names, tuple(map(int, rows)), variables, x, violation, proven, witnesses, text.strip()
+            False,
+            names,
+            tuple(map(int, rows)),
+            variables,
+            x,
+            violation,
+            proven,
+            witnesses,
+            text.strip(),
         )
 
     def _described(self, member: int) -> str:

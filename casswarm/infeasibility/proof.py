@@ -34,7 +34,12 @@ def is_contradiction(matrix: FloatArray, lower: FloatArray, upper: FloatArray) -
     sides = [(lower[i], upper[i]) if y > 0 else (upper[i], lower[i]) for i, y in enumerate(null)]
     return any(
         all(isfinite(side[which]) for side, y in zip(sides, null, strict=True) if y)
-        and sign * sum((y * Fraction(float(side[which])) for side, y in zip(sides, null, strict=True) if y), Fraction(0)) > 0
+        and sign
+        * sum(
+            (y * Fraction(float(side[which])) for side, y in zip(sides, null, strict=True) if y),
+            Fraction(0),
+        )
+        > 0
         for which, sign in ((0, 1), (1, -1))
     )  # 0 = sum y_i a_i' x is at least the first sum, and at most the second
 

@@ -93,7 +93,9 @@ def _constraints(advanced: Any, program: Nlp) -> NamedRows:
         places = (meta.extra or {}).get("stacktrace") or [{}]
         place = f"{Path(places[0].get('file', '')).name}:{places[0].get('line', '')}".strip(":")
         rows.append(f"constraint {number}" + (f" ({place})" if place else ""))
-        sizes.append(meta.stop - meta.start)
+        sizes.append(int(meta.canon.numel()))
+    if sum(sizes) != program.sizes[2]:
+        return NamedRows.of(program)
     return NamedRows(tuple(rows), tuple(sizes), program.variable_names)
 
 

@@ -182,7 +182,10 @@ def read_nl(path: Path, name: str) -> tuple[Nlp, Instances]:
     """
     program, instance = _Reader(Lines(path)).program(name)
     variables, _, rows = program.sizes
-    named = _names(path.with_suffix(".row"), rows, "c"), _names(path.with_suffix(".col"), variables, "x")
+    named = (
+        _names(path.with_suffix(".row"), rows, "c"),
+        _names(path.with_suffix(".col"), variables, "x"),
+    )
     return program.with_attachments(NamedRows(named[0], (1,) * rows, named[1])), instance
 
 
