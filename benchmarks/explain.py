@@ -1,4 +1,4 @@
-"""Explanations of programs with a planted contradiction: which sets are named, and how long it takes.
+"""Explanations of programs with a planted contradiction: what is named, and how long it takes.
 
 Run in a checkout, with the installed package::
 
@@ -34,6 +34,7 @@ class Planted(NamedTuple):
     variables: frozenset[str] = frozenset()
 
     def explained(self) -> csw.Explanation:
+        """Explanation of the program."""
         return csw.explain(self.nlp, **self.arguments)
 
 
@@ -106,7 +107,7 @@ def planted(seed: int, contradictory: bool = True, rows: int | None = None) -> P
 
 
 def verified(program: Planted, found: csw.Explanation) -> bool:
-    """Whether Ipopt finds no point that meets all that is named, and the witnesses meet the rest."""
+    """Whether Ipopt finds no point that meets all that is named, and witnesses meet the rest."""
     a, ng = program.arguments, program.nlp["g"].numel()
     g = ca.Function("g", [program.nlp["x"]], [program.nlp["g"]])
     variables = [int(name[2:-1]) for name in found.variables]
@@ -151,10 +152,12 @@ def main() -> None:
         else:
             minimal += 1
     print(
-        f"{count} infeasible programs: {same} planted sets, {minimal} other minimal sets, {wrong} wrong,"
+        f"{count} infeasible programs: {same} planted sets, {minimal} other minimal sets, "
+        f"{wrong} wrong,"
     )
     print(
-        f"{missed} not explained; {proven} proven; CPU seconds: median {np.median(seconds):.2f}, largest {max(seconds):.2f}"
+        f"{missed} not explained; {proven} proven; CPU seconds: median {np.median(seconds):.2f}, "
+        f"largest {max(seconds):.2f}"
     )
     feasible, times = 0, []
     for seed in range(1, count + 1):
@@ -163,7 +166,8 @@ def main() -> None:
         times.append(time.process_time() - started)
         feasible += found.feasible is True and found.violation <= 1e-6
     print(
-        f"{count} feasible programs: {feasible} with a point; CPU seconds: median {np.median(times):.2f}, largest {max(times):.2f}"
+        f"{count} feasible programs: {feasible} with a point; CPU seconds: median "
+        f"{np.median(times):.2f}, largest {max(times):.2f}"
     )
     large = []
     for seed in range(1, 1 + max(1, count // 10)):

@@ -1,4 +1,4 @@
-"""Explanations of infeasible programs: smallest sets of rows and bounds that contradict each other."""
+"""Explanations of infeasible programs: sets of rows and bounds that contradict each other."""
 
 import lazy_loader
 

@@ -221,7 +221,7 @@ class ElasticPrograms:
         (V,)
             Least largest violation of each set, at any point that is known.
         """
-        ng, (count, nx) = len(self.units.rows), starts.shape
+        ng, count = len(self.units.rows), len(starts)
         each = np.repeat(sets, count, axis=0)
         size = len(each)
         limits = (np.broadcast_to(bound, (size, ng)) for bound in self._rows_between)

@@ -1,4 +1,4 @@
-"""Explanations of infeasible programs: a smallest set of rows and bounds that contradict each other.
+"""Explanations of infeasible programs: a set of rows and bounds that contradict each other.
 
 An elastic program names candidates; a deletion filter, of which all variants are a batch, leaves
 an irreducible infeasible subset (J. W. Chinneck, Feasibility and Infeasibility in Optimization,
@@ -140,8 +140,8 @@ def _posed(
     if not isinstance(problem, Nlp) or instances is None or len(instances) != 1 or arguments:
         message = (
             f"explain got {type(problem).__name__} with {instances!r} and {sorted(arguments)}; "
-            "allowed: a Problem, an Opti stack, a dictionary of CasADi with its arguments, or an Nlp "
-            "with Instances of a single instance"
+            "allowed: a Problem, an Opti stack, a dictionary of CasADi with its arguments, or an "
+            "Nlp with Instances of a single instance"
         )
         raise ProblemError(message, key="problem", value=repr(problem))
     instances.require_fit(problem)
@@ -213,7 +213,8 @@ class _Search:
         return self._answer(
             None,
             best,
-            "undecided: no feasible point was found, and no set of rows could be verified to be contradictory",
+            "undecided: no feasible point was found, and no set of rows could be verified to "
+            "contradict each other",
         )
 
     # --- elastic programs
@@ -359,7 +360,8 @@ class _Search:
     def _answer(self, feasible: bool | None, x: FloatArray, text: str) -> Explanation:
         violation = self._violation(x, self.every)
         shown = np.array2string(x, precision=6, threshold=8)
-        text = f"{self.nlp.name} is {text.format(point=f'the point {shown}')} (largest violation {violation:.2g})."
+        told = text.format(point=f"the point {shown}")
+        text = f"{self.nlp.name} is {told} (largest violation {violation:.2g})."
         none = np.empty((0, x.size))
         return Explanation(feasible, (), (), (), x, violation, False, none, text)
 

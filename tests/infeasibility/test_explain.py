@@ -1,4 +1,4 @@
-"""Explanations of infeasible programs: what is named contradicts itself, and nothing in it is spare."""
+"""Explanations of infeasible programs: what is named is a contradiction, and nothing is spare."""
 
 from __future__ import annotations
 
