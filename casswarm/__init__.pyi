@@ -27,6 +27,7 @@ from .grid.value_function import CostToGoMap, ValueFunction
 from .guide.guide import Candidate, Guide
 from .guide.plan import plan, plan_baseline
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
+from .infeasibility import Explanation, explain
 from .joint import SwarmOutcome, SwarmPlan, plan_swarm
 from .nlp.program import Instances, Nlp
 from .nlp.solution import BatchSolution, Residuals, Solution, Status
@@ -65,6 +66,7 @@ __all__ = [
     "EnvError",
     "Estimate",
     "Execution",
+    "Explanation",
     "ExtraError",
     "FilterInteriorPoint",
     "FolderError",
@@ -111,6 +113,7 @@ __all__ = [
     "comparison",
     "estimate",
     "evaluate",
+    "explain",
     "explore",
     "figures",
     "formation_problems",

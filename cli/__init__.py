@@ -10,6 +10,7 @@ import click
 
 from .compare import compare
 from .evaluate import evaluate
+from .explain import explain
 from .lists import scenarios, solvers
 from .output import show_log
 from .plan import plan, plan_swarm
@@ -27,6 +28,7 @@ from .sweep import sweep
         evaluate,
         sweep,
         compare,
+        explain,
         reproduce,
         plot,
         animate,
@@ -49,6 +51,7 @@ def main() -> None:
       casswarm evaluate paper-1                   success of every policy, computed exactly
       casswarm sweep paper-1 --set n=2,3,4,5      success over parameter values
       casswarm compare --family quick             speed and reliability of the solvers
+      casswarm explain model.nl                   why a program is infeasible
       casswarm plot results/simulate-paper-1      figures from saved results
       casswarm animate results/simulate-paper-1   animation of a saved run
       casswarm explore paper-1                    a page to drag radars and see what follows

@@ -1,6 +1,6 @@
 from .nl_reader import read_nl
 from .nl_writer import nl_bytes, nl_text
-from .program import FeasibleSet, Instances, LagrangianHessian, Nlp
+from .program import FeasibleSet, Instances, LagrangianHessian, NamedRows, Nlp
 from .residuals import estimated_multipliers, invalid_value, kkt_residuals, relative_error
 from .solution import BatchSolution, Residuals, Sensitivities, Solution, Status
 
@@ -9,6 +9,7 @@ __all__ = [
     "FeasibleSet",
     "Instances",
     "LagrangianHessian",
+    "NamedRows",
     "Nlp",
     "Residuals",
     "Sensitivities",

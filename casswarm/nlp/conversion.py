@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -13,7 +14,7 @@ import numpy as np
 from .._util.text import did_you_mean
 from ..errors import ProblemError
 from ..typing import FloatArray
-from .program import Instances, Nlp
+from .program import Instances, NamedRows, Nlp
 
 START = "given"
 """Name of the start of a problem that has a single one."""
@@ -80,7 +81,22 @@ def from_stack(opti: ca.Opti, name: str) -> tuple[Nlp, dict[str, Instances]]:
     except RuntimeError as error:
         raise refusal(name, f" cannot be built: {_reason(error)}") from error
     expressions = {"x": opti.x, "p": opti.p, "f": ca.MX(opti.f), "g": opti.g}
-    return from_dictionary(expressions, numbers, name)
+    program, starts = from_dictionary(expressions, numbers, name)
+    return program.with_attachments(_constraints(advanced, program)), starts
+
+
+def _constraints(advanced: Any, program: Nlp) -> NamedRows:
+    """The constraints of an Opti stack in order, called by number and line of the user's code."""
+    rows, sizes = [], []
+    for number, constraint in enumerate(advanced.constraints()):
+        meta = advanced.get_meta_con(constraint)
+        places = (meta.extra or {}).get("stacktrace") or [{}]
+        place = f"{Path(places[0].get('file', '')).name}:{places[0].get('line', '')}".strip(":")
+        rows.append(f"constraint {number}" + (f" ({place})" if place else ""))
+        sizes.append(int(meta.canon.numel()))
+    if sum(sizes) != program.sizes[2]:
+        return NamedRows.of(program)
+    return NamedRows(tuple(rows), tuple(sizes), program.variable_names)
 
 
 def require_solvable(nlp: Nlp, starts: Mapping[str, Instances], name: str) -> None:

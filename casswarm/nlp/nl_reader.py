@@ -13,11 +13,12 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from .._util.text import counted
+from .._util.files import require_file
+from .._util.text import counted, printable
 from ..typing import Expr
-from .nl_tokens import HEADER_LINES, Text, open_nl
+from .nl_tokens import HEADER_LINES, MAX_BYTES, Text, open_nl
 from .operations import OPERATORS, Operator
-from .program import Instances, Nlp
+from .program import Instances, NamedRows, Nlp
 
 _COUNTS = 6  # numbers that are read in a line of a header
 
@@ -97,6 +98,8 @@ def read_nl(path: Path, name: str) -> tuple[Nlp, Instances]:
     """Read a problem, and its initial guess, from a file in .nl format, text or binary.
 
     A maximum becomes the minimum of the negative objective, and without an objective it is zero.
+    Names of constraints and variables are those of the files .row and .col beside it, where they
+    fit, or c0, c1, ... and x0, x1, ...
 
     Parameters
     ----------
@@ -111,7 +114,25 @@ def read_nl(path: Path, name: str) -> tuple[Nlp, Instances]:
         supported: integer variables, several objectives, complementarity, special ordered sets,
         logical constraints, imported functions, or piecewise-linear terms.
     """
-    return _Reader(open_nl(path)).program(name)
+    program, instance = _Reader(open_nl(path)).program(name)
+    variables, _, rows = program.sizes
+    named = (
+        _names(path.with_suffix(".row"), rows, "c"),
+        _names(path.with_suffix(".col"), variables, "x"),
+    )
+    return program.with_attachments(NamedRows(named[0], (1,) * rows, named[1])), instance
+
+
+def _names(path: Path, count: int, letter: str) -> tuple[str, ...]:
+    """Names in a file, of which it may have more than needed; numbered ones without such a file."""
+    try:
+        require_file(path, MAX_BYTES)
+        names = path.read_text("utf-8").split()
+    except (OSError, UnicodeDecodeError):
+        names = []
+    if len(names) < count:
+        return tuple(f"{letter}{i}" for i in range(count))
+    return tuple(map(printable, names[:count]))
 
 
 class _Reader:

@@ -200,6 +200,31 @@ class Nlp:
         return _unpack(self.variables, x)[name]
 
 
+@dataclass(frozen=True)
+class NamedRows:
+    """Rows and variables as the user named and counted them, attached to a program.
+
+    Parameters
+    ----------
+    rows : tuple of str
+    sizes : tuple of int
+        How many entries of g each row has.
+    variables : tuple of str
+        Names of the entries of x.
+    """
+
+    rows: tuple[str, ...]
+    sizes: tuple[int, ...]
+    variables: tuple[str, ...]
+
+    @classmethod
+    def of(cls, nlp: Nlp) -> NamedRows:
+        """What is attached to a program, or the entries of its blocks."""
+        names = nlp.row_names
+        own = nlp.attached(cls)
+        return own or cls(names, (1,) * len(names), nlp.variable_names)
+
+
 def _entry_names(blocks: Mapping[str, Expr]) -> tuple[str, ...]:
     return tuple(f"{name}[{i}]" for name, block in blocks.items() for i in range(block.numel()))
 

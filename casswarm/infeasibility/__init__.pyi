@@ -1,0 +1,3 @@
+from .explanation import Explanation, explain
+
+__all__ = ["Explanation", "explain"]
