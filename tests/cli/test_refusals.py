@@ -65,6 +65,7 @@ REFUSED = [
     ("scenarios check rates.toml --allow-code", "SystemExit: sys.exit(0) (rates.py:4)"),
     ("compare none.toml", "none.toml"),
     ("compare --problems none.nl", "none.nl: No such file or directory"),
+    ("explain none.nl", "none.nl: No such file or directory"),
     ("compare --problems files/cut.nl", "files/cut.nl, line 2: the file ends too early"),
     ("compare --family quick --against nowhere", "nowhere holds no comparison"),
     (
