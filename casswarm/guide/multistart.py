@@ -331,7 +331,7 @@ class Multistart:
     def _scale(self, velocities: FloatArray) -> float:
         """Factor by which the risk of an initial path becomes `_SCALED_RISK`."""
         positions = integrate(self.task.start, velocities, self.task.dt)
-        risk = float(self.task.dt * self.scenario.hazard.single_agent_rates(positions[1:]).sum())
+        risk = float(self.task.dt * self.scenario.hazard.rates_along(positions[1:]).sum())
         return _SCALED_RISK / risk if 0 < risk < np.inf else 1.0
 
     def _refine(self, name: str, start: InitialPath, outcomes: list[Candidate]) -> None:
@@ -377,7 +377,7 @@ class Multistart:
         if inside.any() and solution.residuals.violation <= VIOLATION:
             first = int(inside.argmax()) + 1
             velocities, positions = velocities[:first], positions[: first + 1]
-            risk = float(task.dt * hazard.single_agent_rates(positions[1:]).sum())
+            risk = float(task.dt * hazard.rates_along(positions[1:]).sum())
         homotopy = homotopy_signature(positions, hazard.radar_positions)
         return Candidate(name, arrival, homotopy, velocities, risk, solution)
 

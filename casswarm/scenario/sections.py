@@ -6,6 +6,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
@@ -38,6 +39,8 @@ from .validation import (
     Problem,
     allowed,
     as_text,
+    element_table,
+    field_of,
     fields,
     invalid,
     problems_of,
@@ -48,7 +51,7 @@ from .validation import (
 )
 
 if TYPE_CHECKING:
-    from ..hazard import Hazard
+    from ..hazard import Hazard, RadarTrack
 
 
 _STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
@@ -320,6 +323,101 @@ def _frozen(value: Any) -> Any:
     return tuple(_frozen(item) for item in value) if isinstance(value, list | tuple) else value
 
 
+Interval = Annotated[tuple[Number, Number], Allowed("[begin, end], two numbers")]
+Waypoint = Annotated[tuple[Number, Number, Number], Allowed("[time, x, y], three numbers")]
+MOST_RADARS, MOST_WAYPOINTS = 1000, 10_000
+
+
+class Radar(Table):
+    """A radar that moves, switches, or has a strength of its own."""
+
+    position: Point | None = Field(
+        None,
+        examples=[[3.0, 4.0]],
+        description="Position [x, y] at time 0, in units of length; a radar with a path has none.",
+    )
+    strength: Positive = Field(1.0, description="Factor of the radar's rate.")
+    velocity: Annotated[tuple[Number, Number], Allowed("[vx, vy], two numbers")] | None = Field(
+        None,
+        examples=[[0.1, 0.0]],
+        description="Constant velocity [vx, vy], in units of length per time; at rest by default.",
+    )
+    path: Annotated[
+        tuple[Waypoint, ...],
+        Field(min_length=1, max_length=MOST_WAYPOINTS),
+        Allowed(f"a list of 1 to {MOST_WAYPOINTS} waypoints [time, x, y]"),
+    ] | None = Field(
+        None,
+        examples=[[[0.0, 3.0, 4.0], [2.0, 5.0, 4.0]]],
+        description="Waypoints [time, x, y], straight between them; at rest before the first and "
+        "after the last.",
+    )
+    active: Annotated[
+        tuple[Interval, ...],
+        Field(max_length=MOST_WAYPOINTS),
+        Allowed("a list of intervals of time [begin, end]"),
+    ] | None = Field(
+        None,
+        examples=[[[0.0, 2.0], [4.0, 6.0]]],
+        description="Intervals of time [begin, end] in which the radar is active: in the steps that "
+        "end after begin, and at end or before; by default always.",
+    )
+
+    @property
+    def changes(self) -> bool:
+        """True if it moves, or is not always active."""
+        return self.velocity is not None or self.path is not None or self.active is not None
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """Position at time 0."""
+        return self.track.position_at(0.0)
+
+    @property
+    def track(self) -> RadarTrack:
+        """The radar as hazards take it."""
+        from ..hazard import RadarTrack
+
+        position = self.position or self.path[0][1:]  # type: ignore[index]
+        still = (0.0, 0.0)
+        return RadarTrack(
+            position, self.strength, self.velocity or still, self.path or (), self.active
+        )
+
+    def mapped(self, points: Callable[[Any], Any]) -> dict[str, object]:
+        """Keys and values with a linear map (..., 2) to (..., 2) of points and vectors applied."""
+        values = self.model_dump(exclude_none=True)
+        for key in values.keys() & {"position", "velocity"}:
+            values[key] = points(values[key])
+        if self.path is not None:
+            path = np.array(self.path)
+            values["path"] = np.column_stack([path[:, 0], points(path[:, 1:])])
+        return values
+
+    def problems(self, key: str) -> Iterator[str]:
+        """Contradictions, of a radar under a key."""
+        if self.path is None and self.position is None:
+            yield f"{key}.position is missing; give [x, y], or a path of waypoints [time, x, y]"
+        for other in ("position", "velocity"):
+            if self.path is not None and getattr(self, other) is not None:
+                yield f"{key}.{other} and {key}.path are both given; a path says it all, remove one"
+        for before, after in pairwise(self.path or ()):
+            if not before[0] < after[0]:
+                yield (
+                    f"{key}.path has a waypoint at time {after[0]:g} after one at {before[0]:g}; "
+                    "times must increase"
+                )
+        for begin, end in self.active or ():
+            if not begin < end:
+                yield f"{key}.active has [{begin:g}, {end:g}]; an interval must end after it begins"
+        for one, other in pairwise(self.active or ()):
+            if other[0] < one[1]:
+                yield (
+                    f"{key}.active has {list(other)} after {list(one)}; intervals must be in order "
+                    "and must not overlap"
+                )
+
+
 class HazardTable(Table):
     """Destruction rates of members: their kind, radars and constants."""
 
@@ -350,6 +448,15 @@ class HazardTable(Table):
         None,
         examples=[[1.0, 2.0]],
         description="Factors of the radars' rates, one for each radar; all 1 by default.",
+    )
+    radar: Annotated[
+        tuple[Radar, ...],
+        Field(max_length=MOST_RADARS),
+        Allowed(f"at most {MOST_RADARS} tables [[hazard.radar]]"),
+    ] = Field(
+        (),
+        description="Radars that move or switch, a table for each, beside those of `radars`; times "
+        "are those of the clock, from 0.",
     )
     core_radius: Positive | None = Field(
         None,
@@ -414,19 +521,42 @@ class HazardTable(Table):
         named = isinstance(self.kind, str) and not isinstance(self.kind, FunctionName)
         return named and self.is_custom
 
-    def build(self, core_radius: float, folder: Path | None = None) -> Hazard:
-        """Hazard that the table describes; a ``module:function`` lies in `folder`."""
+    @property
+    def starts(self) -> tuple[tuple[float, float], ...]:
+        """Positions of all radars at time 0."""
+        return (*self.radars, *(radar.start for radar in self.radar))
+
+    def build(self, core_radius: float, folder: Path | None = None, dt: float = 1.0) -> Hazard:
+        """Hazard that the table describes, with steps of dt; a ``module:function`` lies in `folder`."""
         # imported here, since importing CasADi is slow and listing scenarios needs no hazards
-        from ..hazard import Saturation, SaturationCollision
+        from ..hazard import CustomHazard, HazardInTime, Saturation, SaturationCollision
         from ..hazard.custom import user_hazard
 
         if not isinstance(self.kind, str) or self.is_custom:
             beside = None if isinstance(self.kind, FunctionName) else folder
-            return user_hazard(self.kind, beside, self.radars, dict(self.parameters))
+            rates = user_hazard(self.kind, beside, self.radars, dict(self.parameters))
+            constant = not isinstance(rates, CustomHazard) or "time" in self.parameters
+            if constant or "time" not in dict(rates.parameters):
+                return rates
+            return HazardInTime(rates, (), dt)
         constants = {key: getattr(self, key) for key in CONSTANTS[self.kind]}
         constants["core_radius"] = core_radius
         hazard = SaturationCollision if self.kind == "saturation+collision" else Saturation
-        return hazard(radars=self.radars, strengths=self.strengths, **constants)
+        if not self.radar:
+            return hazard(radars=self.radars, strengths=self.strengths, **constants)
+        moving = tuple(radar.track for radar in self.radar if radar.changes)
+        still = [radar for radar in self.radar if not radar.changes]
+        radars = *self.radars, *(radar.start for radar in still)
+        own = self.strengths or (1.0,) * len(self.radars)
+        strengths = *own, *(radar.strength for radar in still)
+        if not moving:
+            return hazard(radars=radars, strengths=strengths, **constants)
+        base = hazard(
+            radars=(*radars, *(track.position_at(0.0) for track in moving)),
+            strengths=(*strengths, *(track.strength for track in moving)),
+            **constants,
+        )
+        return HazardInTime(base, moving, dt)
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> HazardTable:
@@ -434,6 +564,11 @@ class HazardTable(Table):
         return self
 
     def _misplaced_keys(self) -> Iterator[str]:
+        if self.radar:
+            yield (
+                "hazard.radar is not a key of a 'module:function' kind; give the function an "
+                "argument time, and write radars at rest as hazard.radars"
+            )
         for key in ("strengths", "core_radius", *ALPHAS, *BETAS):
             if getattr(self, key) is not None:
                 hint = f"hazard.parameters.{key} if your function takes it, else remove it"
@@ -456,7 +591,9 @@ class HazardTable(Table):
                 f"hazard.parameters is not a key of kind '{kind}'; "
                 "remove it, or give the name of your function as the kind"
             )
-        if not k:
+        for index, radar in enumerate(self.radar):
+            yield from radar.problems(f"hazard.radar[{index}]")
+        if not k and not self.radar:
             yield (
                 f"hazard.radars is missing or empty; kind '{kind}' needs [x, y] pairs, at least one"
             )
@@ -503,14 +640,19 @@ def annotated(text: str, model: type[BaseModel]) -> str:
     table, known, missing = "", fields(model), dict[str, FieldInfo]()
     lines: list[str] = []
     for line in text.removesuffix("\n").split("\n"):  # texts may hold other line separators
-        header, key = re.fullmatch(r"\[([\w.]+)\]", line), re.match(r"(\w+) = ", line)
+        header = re.fullmatch(r"\[([\w.]+)\]|\[\[([\w.]+)\]\]", line)
+        key = re.match(r"(\w+) = ", line)
         description: str | None = None
         if header:
-            missing.pop(header[1].removeprefix(f"{table}."), None)
+            name = header[1] or header[2]
+            missing.pop(name.removeprefix(f"{table}."), None)
             lines = _with_optional(lines, table, missing)
-            table, field = header[1], fields(model).get(header[1])
-            known = fields(subtable(field) or model) if field else {}  # others are the user's
+            again, table, field = name == table, name, field_of(name, model)
+            inner = field and (subtable(field) or element_table(field))
+            known = fields(inner) if inner else {}  # others are the user's
             missing, description = dict(known), field.description if field else None
+            if again:  # the keys of the next element of a list of tables
+                known, missing, description = {}, {}, None
         elif key and key[1] in known:
             missing.pop(key[1], None)
             description = known[key[1]].description

@@ -183,9 +183,16 @@ def _locate(
     for depth, part in enumerate(location):
         if table is None:
             return names, field, location[depth:]
-        names.append(str(part))
-        field = fields(table).get(str(part))
+        if isinstance(part, int):  # an element of a list of tables
+            names[-1] += f"[{part}]"
+            continue
+        name, _, index = part.partition("[")
+        names.append(part)
+        field = fields(table).get(name)
         table = subtable(field) if field else None
+        following = location[depth + 1 : depth + 2]
+        if field and (index or (following and isinstance(following[0], int))):
+            table = element_table(field)
     return names, field, ()
 
 
@@ -197,8 +204,10 @@ def field_of(key: str, model: type[BaseModel]) -> FieldInfo | None:
 
 def unknown_key(key: str, model: type[BaseModel]) -> Problem:
     """Problem of a key that does not exist, with the key that was probably meant."""
-    keys = known_keys(model)
     table, _, leaf = key.rpartition(".")
+    keys = known_keys(model)
+    if "[" in table and (field := field_of(table, model)) and (element := element_table(field)):
+        keys = [f"{table}.{name}" for name in fields(element)]
     siblings = [other for other in keys if other.rpartition(".")[0] == table]
     namesakes = [other for other in keys if other.rpartition(".")[2] == leaf]
     meant = (
@@ -236,6 +245,12 @@ def fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
 def subtable(field: FieldInfo) -> type[BaseModel] | None:
     """Model of a field that is a table, else None."""
     kind = field.annotation
+    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+
+
+def element_table(field: FieldInfo) -> type[BaseModel] | None:
+    """Model of the elements of a field that is a list of tables, else None."""
+    kind = next(iter(get_args(field.annotation)), None)
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
 
 
