@@ -161,7 +161,7 @@ def _bound(
     among = replace(task, least=task.hazard.least_rate(scenario.n))
     if among.least is None or not task.bounded:
         reason = (
-            f"{type(task.hazard).__name__} does not provide the least rate of a member among "
+            f"{type(task.hazard.after(1)).__name__} does not provide the least rate of a member among "
             f"{scenario.n}; Saturation and SaturationCollision do"
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)

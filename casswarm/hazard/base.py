@@ -168,8 +168,8 @@ class Hazard(ABC):
         rates = self.rates(states, np.tile(sets, (len(positions), 1)))
         return rates.reshape(len(positions), *sets.shape)
 
-    def rates_along(self, points: FloatArray) -> FloatArray:
-        """Rates (T, ...) of single members on paths, at points (T, ..., 2) after 1..T steps."""
+    def rates_along(self, points: FloatArray, step: int = 0) -> FloatArray:  # noqa: ARG002
+        """Rates (T, ...) of single members on paths, at points (T, ..., 2) from `step` + 1 on."""
         return self.single_agent_rates(points)
 
     def expression_along(self, points: Expr) -> Expr:

@@ -142,8 +142,8 @@ class HazardInTime(Hazard):
         return self.at(time).single_agent_rates(points)
 
     @override
-    def rates_along(self, points: FloatArray) -> FloatArray:
-        rates = [self.after(t).single_agent_rates(x) for t, x in enumerate(points, 1)]
+    def rates_along(self, points: FloatArray, step: int = 0) -> FloatArray:
+        rates = [self.after(t).single_agent_rates(x) for t, x in enumerate(points, step + 1)]
         return np.stack(rates) if rates else np.empty(points.shape[:-1])
 
     @override

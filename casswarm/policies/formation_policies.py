@@ -293,7 +293,8 @@ class FeedbackPolicy(Policy):
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
         lead, goals = self.lead_agents(step, positions, previous_velocities, alive)
-        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals[None])
+        hazard = self.hazard.after(step + 1)
+        data = Step(hazard, self.motion, positions, previous_velocities, alive, goals[None])
         return formation_decision(self._task(data, lead), self.solver)
 
     def _task(self, data: Step, lead: NDArray[np.intp]) -> FormationTask:
@@ -379,7 +380,7 @@ class FeedbackPolicy(Policy):
     def _risks(self, step: int, paths: FloatArray) -> FloatArray:
         """Risks (B, m) of manoeuvres (K, B, m, 2) and of what follows; infinite without arrival."""
         task, last = self.value.grid.task, len(paths) - 1
-        rates = self.hazard.single_agent_rates(paths.reshape(-1, 2)).reshape(paths.shape[:-1])
+        rates = self.hazard.rates_along(paths, step)
         accumulated = task.dt * np.cumsum(rates, axis=0)
         inside = ((paths - task.center) ** 2).sum(axis=-1) <= task.radius**2
         arrival = inside.argmax(axis=0)
