@@ -1,7 +1,7 @@
 """Hazards in time: at every time, a hazard whose radars have the positions and strengths of then.
 
-Nothing is computed here but positions and strengths. `HazardInTime.at` gives the hazard of a time, which
-is one of the other classes, so that its rates, derivatives, bounds and compiled code are theirs.
+Nothing is computed here but positions and strengths. `HazardInTime.at` gives the hazard of a time,
+which is one of the other classes: its rates, derivatives, bounds and compiled code are theirs.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class RadarTrack:
         Straight between waypoints, at rest before the first and after the last; in place of
         `position` and `velocity` if there are any.
     active : intervals (begin, end), optional
-        Active at times t with begin < t <= end, that is, in the steps between them; by default always.
+        Active at times t with begin < t <= end, in the steps between them; by default always.
     """
 
     position: tuple[float, float]
@@ -151,11 +151,11 @@ class HazardInTime(Hazard):
         steps = range(points.shape[1])
         return ca.horzcat(*(self.after(t + 1).single_agent_expression(points[:, t]) for t in steps))
 
-    def expression(self, positions: Expr, alive: Expr) -> Expr:
+    def expression(self, positions: Expr, alive: Expr) -> Expr:  # noqa: ARG002
         """Refuse: see `at`."""
         self._refuse("an expression without a time")
 
-    def single_agent_expression(self, points: Expr) -> Expr:
+    def single_agent_expression(self, points: Expr) -> Expr:  # noqa: ARG002
         """Refuse: see `expression_along`."""
         self._refuse("an expression without a time")
 
@@ -193,7 +193,7 @@ class HazardInTime(Hazard):
     ) -> PairBounds | None:
         return self.hazard.pair_bounds(shape, spacing, certified)
 
-    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
+    def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:  # noqa: ARG002
         self._refuse("a rate without a time")
 
     def _refuse(self, what: str) -> NoReturn:
@@ -209,8 +209,8 @@ def require_at_rest(hazard: Hazard, part: str) -> None:
     key = "hazard.kind" if custom else "hazard.radar"
     subject = "its function takes time" if custom else "its radars move or switch"
     raise HazardError(
-        f"{key}: {subject}, and {part} does not treat rates that depend on time (docs/limits.md has "
-        "the parts that do); write the radars at rest as hazard.radars",
+        f"{key}: {subject}, and {part} does not treat rates that depend on time (docs/limits.md "
+        "has the parts that do); write the radars at rest as hazard.radars",
         key=key,
         part=part,
     )

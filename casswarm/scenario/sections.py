@@ -342,25 +342,31 @@ class Radar(Table):
         examples=[[0.1, 0.0]],
         description="Constant velocity [vx, vy], in units of length per time; at rest by default.",
     )
-    path: Annotated[
-        tuple[Waypoint, ...],
-        Field(min_length=1, max_length=MOST_WAYPOINTS),
-        Allowed(f"a list of 1 to {MOST_WAYPOINTS} waypoints [time, x, y]"),
-    ] | None = Field(
+    path: (
+        Annotated[
+            tuple[Waypoint, ...],
+            Field(min_length=1, max_length=MOST_WAYPOINTS),
+            Allowed(f"a list of 1 to {MOST_WAYPOINTS} waypoints [time, x, y]"),
+        ]
+        | None
+    ) = Field(
         None,
         examples=[[[0.0, 3.0, 4.0], [2.0, 5.0, 4.0]]],
         description="Waypoints [time, x, y], straight between them; at rest before the first and "
         "after the last.",
     )
-    active: Annotated[
-        tuple[Interval, ...],
-        Field(max_length=MOST_WAYPOINTS),
-        Allowed("a list of intervals of time [begin, end]"),
-    ] | None = Field(
+    active: (
+        Annotated[
+            tuple[Interval, ...],
+            Field(max_length=MOST_WAYPOINTS),
+            Allowed("a list of intervals of time [begin, end]"),
+        ]
+        | None
+    ) = Field(
         None,
         examples=[[[0.0, 2.0], [4.0, 6.0]]],
-        description="Intervals of time [begin, end] in which the radar is active: in the steps that "
-        "end after begin, and at end or before; by default always.",
+        description="Intervals of time [begin, end] in which the radar is active: in the steps "
+        "that end after begin, and at end or before; by default always.",
     )
 
     @property
@@ -527,7 +533,10 @@ class HazardTable(Table):
         return (*self.radars, *(radar.start for radar in self.radar))
 
     def build(self, core_radius: float, folder: Path | None = None, dt: float = 1.0) -> Hazard:
-        """Hazard that the table describes, with steps of dt; a ``module:function`` lies in `folder`."""
+        """Hazard that the table describes; a ``module:function`` lies in `folder`.
+
+        `dt` is the length of a step.
+        """
         # imported here, since importing CasADi is slow and listing scenarios needs no hazards
         from ..hazard import CustomHazard, HazardInTime, Saturation, SaturationCollision
         from ..hazard.custom import user_hazard
