@@ -161,7 +161,10 @@ def _bound(
     among = replace(task, least=task.hazard.least_rate(scenario.n))
     if among.least is None or not task.bounded:
         kind = type(task.hazard.after(1)).__name__
-        reason = f"{kind} does not provide the least rate of a member among {scenario.n}; Saturation and SaturationCollision do"
+        reason = (
+            f"{kind} does not provide the least rate of a member among {scenario.n}; "
+            "Saturation and SaturationCollision do"
+        )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
     risks = lowest_risks(among, scenario.positions, max_nodes)
     failure = _ROUND_DOWN * float(np.prod(-np.expm1(-risks)))
