@@ -197,23 +197,33 @@ class HazardInTime(Hazard):
         self._refuse("a rate without a time")
 
     def _refuse(self, what: str) -> NoReturn:
-        require_at_rest(self, what)
-        raise AssertionError
+        key, subject = _reason(self)
+        raise HazardError(
+            f"{key}: {subject}, so {what} is not defined: give rates a time, or use at(time) or "
+            "after(step); parts that do not are listed in docs/limits.md",
+            key=key,
+            part=what,
+        )
 
 
 def require_at_rest(hazard: Hazard, part: str) -> None:
     """Raise HazardError if rates depend on time, which a part of the package does not treat."""
     if not hazard.changes:
         return
-    custom = isinstance(hazard, HazardInTime) and isinstance(hazard.hazard, CustomHazard)
-    key = "hazard.kind" if custom else "hazard.radar"
-    subject = "its function takes time" if custom else "its radars move or switch"
+    key, subject = _reason(hazard)
     raise HazardError(
         f"{key}: {subject}, and {part} does not treat rates that depend on time (docs/limits.md "
-        "has the parts that do); write the radars at rest as hazard.radars",
+        "has the parts that do); make them constant",
         key=key,
         part=part,
     )
+
+
+def _reason(hazard: Hazard) -> tuple[str, str]:
+    """Key that makes rates depend on time, and how."""
+    if isinstance(hazard, HazardInTime) and hazard.tracks:
+        return "hazard.radar", "its radars move or switch"
+    return "hazard.kind", "its function takes time"
 
 
 @locked_cache(maxsize=4096)
