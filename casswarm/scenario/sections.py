@@ -6,7 +6,6 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
-from itertools import pairwise
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
@@ -16,10 +15,8 @@ import tomli_w
 from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
-    ConfigDict,
     Field,
     PlainValidator,
-    ValidationError,
     WithJsonSchema,
     model_validator,
 )
@@ -27,6 +24,7 @@ from pydantic.fields import FieldInfo
 
 from .._util.text import counted, suggestion
 from ..errors import ScenarioError
+from .radars import MOST_RADARS, Radar
 from .validation import (
     LARGEST,
     Allowed,
@@ -37,62 +35,23 @@ from .validation import (
     Point,
     Positive,
     Problem,
+    Table,
     allowed,
     as_text,
     element_table,
     field_of,
     fields,
     invalid,
-    problems_of,
     require_none,
-    scenario_error,
     subtable,
-    to_plain,
 )
 
 if TYPE_CHECKING:
-    from ..hazard import Hazard, RadarTrack
+    from ..hazard import Hazard
 
 
 _STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
 _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to rounding
-
-
-_PYDANTIC = frozenset(dir(BaseModel))
-
-
-class Table(BaseModel):
-    """Base of the tables: immutable, without unknown keys, with errors in plain words."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    def __init__(self, **values: Any) -> None:
-        try:
-            super().__init__(**to_plain(values))
-        except (ValidationError, RecursionError) as error:
-            headline = f"invalid {type(self).__name__}"
-            raise scenario_error(headline, problems_of(error, type(self))) from None
-
-    def __dir__(self) -> list[str]:
-        """Names of the table's own: pydantic's, most of them deprecated, are not listed."""
-        return [name for name in super().__dir__() if name[0] == "_" or name not in _PYDANTIC]
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if name.startswith("_"):
-            super().__setattr__(name, value)
-            return
-        table = type(self).__name__.removesuffix("Options").removesuffix("Table").lower()
-        key = name if table == "scenario" else f"{table}.{name}"
-        raise ScenarioError(
-            f"scenarios are immutable, so {key} cannot be set; a changed copy is "
-            f"scenario.with_values({{{key!r}: ...}})",
-            key=key,
-            value=value,
-        )
-
-    # Otherwise pydantic would call this constructor for every table inside a scenario, and the
-    # errors would lose the name of the table.
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
 class Swarm(Table):
@@ -321,107 +280,6 @@ def _is_parameter(value: object) -> bool:
 
 def _frozen(value: Any) -> Any:
     return tuple(_frozen(item) for item in value) if isinstance(value, list | tuple) else value
-
-
-Interval = Annotated[tuple[Number, Number], Allowed("[begin, end], two numbers")]
-Waypoint = Annotated[tuple[Number, Number, Number], Allowed("[time, x, y], three numbers")]
-MOST_RADARS, MOST_WAYPOINTS = 1000, 10_000
-
-
-class Radar(Table):
-    """A radar that moves, switches, or has a strength of its own."""
-
-    position: Point | None = Field(
-        None,
-        examples=[[3.0, 4.0]],
-        description="Position [x, y] at time 0, in units of length; a radar with a path has none.",
-    )
-    strength: Positive = Field(1.0, description="Factor of the radar's rate.")
-    velocity: Annotated[tuple[Number, Number], Allowed("[vx, vy], two numbers")] | None = Field(
-        None,
-        examples=[[0.1, 0.0]],
-        description="Constant velocity [vx, vy], in units of length per time; at rest by default.",
-    )
-    path: (
-        Annotated[
-            tuple[Waypoint, ...],
-            Field(min_length=1, max_length=MOST_WAYPOINTS),
-            Allowed(f"a list of 1 to {MOST_WAYPOINTS} waypoints [time, x, y]"),
-        ]
-        | None
-    ) = Field(
-        None,
-        examples=[[[0.0, 3.0, 4.0], [2.0, 5.0, 4.0]]],
-        description="Waypoints [time, x, y], straight between them; at rest before the first and "
-        "after the last.",
-    )
-    active: (
-        Annotated[
-            tuple[Interval, ...],
-            Field(max_length=MOST_WAYPOINTS),
-            Allowed("a list of intervals of time [begin, end]"),
-        ]
-        | None
-    ) = Field(
-        None,
-        examples=[[[0.0, 2.0], [4.0, 6.0]]],
-        description="Intervals of time [begin, end] in which the radar is active: in the steps "
-        "that end after begin, and at end or before; by default always.",
-    )
-
-    @property
-    def changes(self) -> bool:
-        """True if it moves, or is not always active."""
-        return self.velocity is not None or self.path is not None or self.active is not None
-
-    @property
-    def start(self) -> tuple[float, float]:
-        """Position at time 0."""
-        return self.track.position_at(0.0)
-
-    @property
-    def track(self) -> RadarTrack:
-        """The radar as hazards take it."""
-        from ..hazard import RadarTrack
-
-        position = self.position or self.path[0][1:]  # type: ignore[index]
-        still = (0.0, 0.0)
-        return RadarTrack(
-            position, self.strength, self.velocity or still, self.path or (), self.active
-        )
-
-    def mapped(self, points: Callable[[Any], Any]) -> dict[str, object]:
-        """Keys and values with a linear map (..., 2) to (..., 2) of points and vectors applied."""
-        values = self.model_dump(exclude_none=True)
-        for key in values.keys() & {"position", "velocity"}:
-            values[key] = points(values[key])
-        if self.path is not None:
-            path = np.array(self.path)
-            values["path"] = np.column_stack([path[:, 0], points(path[:, 1:])])
-        return values
-
-    def problems(self, key: str) -> Iterator[str]:
-        """Contradictions, of a radar under a key."""
-        if self.path is None and self.position is None:
-            yield f"{key}.position is missing; give [x, y], or a path of waypoints [time, x, y]"
-        for other in ("position", "velocity"):
-            if self.path is not None and getattr(self, other) is not None:
-                yield f"{key}.{other} and {key}.path are both given; a path says it all, remove one"
-        for before, after in pairwise(self.path or ()):
-            if not before[0] < after[0]:
-                yield (
-                    f"{key}.path has a waypoint at time {after[0]:g} after one at {before[0]:g}; "
-                    "times must increase"
-                )
-        for begin, end in self.active or ():
-            if not begin < end:
-                yield f"{key}.active has [{begin:g}, {end:g}]; an interval must end after it begins"
-        for one, other in pairwise(self.active or ()):
-            if other[0] < one[1]:
-                yield (
-                    f"{key}.active has {list(other)} after {list(one)}; intervals must be in order "
-                    "and must not overlap"
-                )
 
 
 class HazardTable(Table):

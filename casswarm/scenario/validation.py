@@ -8,7 +8,7 @@ from itertools import takewhile
 from typing import Annotated, Any, NamedTuple, get_args
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
@@ -294,3 +294,43 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
     table.pop(leaf, None)
     if value is not None:
         table[leaf] = value
+
+
+# --- tables
+
+
+_PYDANTIC = frozenset(dir(BaseModel))
+
+
+class Table(BaseModel):
+    """Base of the tables: immutable, without unknown keys, with errors in plain words."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**to_plain(values))
+        except (ValidationError, RecursionError) as error:
+            headline = f"invalid {type(self).__name__}"
+            raise scenario_error(headline, problems_of(error, type(self))) from None
+
+    def __dir__(self) -> list[str]:
+        """Names of the table's own: pydantic's, most of them deprecated, are not listed."""
+        return [name for name in super().__dir__() if name[0] == "_" or name not in _PYDANTIC]
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name.startswith("_"):
+            super().__setattr__(name, value)
+            return
+        table = type(self).__name__.removesuffix("Options").removesuffix("Table").lower()
+        key = name if table == "scenario" else f"{table}.{name}"
+        raise ScenarioError(
+            f"scenarios are immutable, so {key} cannot be set; a changed copy is "
+            f"scenario.with_values({{{key!r}: ...}})",
+            key=key,
+            value=value,
+        )
+
+    # Otherwise pydantic would call this constructor for every table inside a scenario, and the
+    # errors would lose the name of the table.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
