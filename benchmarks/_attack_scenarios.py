@@ -230,7 +230,7 @@ def scale_length(data: Data, factor: float) -> Data:
         "guide.margin": 1, "guide.gamma": -1, "guide.learning_rate": 2, "formation.rho": 2,
         "formation.learning_rate": 2,
     }  # fmt: skip
-    return _multiplied(data, powers, factor)
+    return _with_radars(_multiplied(data, powers, factor), (1.0, factor, factor))
 
 
 def scale_time(data: Data, factor: float) -> Data:
@@ -241,7 +241,19 @@ def scale_time(data: Data, factor: float) -> Data:
     }  # fmt: skip
     if data["hazard"]["kind"] == "saturation+collision":
         powers["hazard.beta_1"] = -1 / data["hazard"]["beta_2"]
-    return _multiplied(data, powers, factor)
+    return _with_radars(_multiplied(data, powers, factor), (factor, 1.0, 1.0))
+
+
+def _with_radars(data: Data, units: tuple[float, float, float]) -> Data:
+    """The scenario with its radars in time in other units of time, x and y."""
+    time, scale = units[0], np.array(units)
+    powers = {"position": scale[1:], "velocity": scale[1:] / time, "path": scale, "active": time}
+    if radars := data["hazard"].get("radar"):
+        data["hazard"]["radar"] = [
+            {key: np.array(v) * powers[key] if key in powers else v for key, v in radar.items()}
+            for radar in radars
+        ]
+    return data
 
 
 def moved(data: Data, matrix: np.ndarray, shift: np.ndarray) -> Data:

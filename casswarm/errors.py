@@ -76,7 +76,8 @@ class HazardError(CasswarmError, ValueError):
     The attribute `hazard` describes it; `function` and `folder` are the name of a function and
     where it was searched for, `members` is the size of the swarm in which it failed, and
     `operation` is the one of CasADi that it cannot use. A wrong `rate` is that of `member` in
-    `state` of a batch, at `position`; a lower `bound` was above it.
+    `state` of a batch, at `position`; a lower `bound` was above it. A `part` of the package does
+    not treat it.
     """
 
     hazard: str | None = None
@@ -84,6 +85,7 @@ class HazardError(CasswarmError, ValueError):
     folder: Path | None = None
     members: int | None = None
     operation: str | None = None
+    part: str | None = None
     state: int | None = None
     member: int | None = None
     position: tuple[float, float] | None = None

@@ -91,7 +91,7 @@ def _certificate(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
     """The gap to the bound and what it consists of, or what a user's hazard lacks for a bound."""
     certificate, start = guide.certificate, scenario.guide_start
     if certificate is None or guide.gap is None:
-        if scenario.hazard.single_agent_lower_bound(start, start) is None:
+        if scenario.hazard.after(1).single_agent_lower_bound(start, start) is None:
             yield (
                 "not certified: the bound needs a lower bound of your rates over boxes, "
                 "lower_bound (see the documentation on custom hazard rates)"

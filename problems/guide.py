@@ -13,6 +13,8 @@ The paper writes *min* exp(-sum) + gamma d, which has a wrong sign: survival is 
 the risk, minus its logarithm, is the better scaled objective. V(-1) is a parameter, and the change
 from it has its own limit, infinite if the guide may start with any velocity.
 
+Where rates depend on time, lambda-bar(X(t)) is that of the radars after t steps.
+
 One program with `horizon` steps serves every arrival step T <= horizon: the risk of the steps after
 T has weight zero, and their velocities are fixed at zero.
 
@@ -73,7 +75,7 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
         name=f"guide[{horizon}]",
         variables={"positions": X, "velocities": V},
         parameters={symbol.name(): symbol for symbol in symbols},
-        objective=ca.dot(weights, clock * hazard.single_agent_expression(points)),
+        objective=ca.dot(weights, clock * hazard.expression_along(points)),
         constraints={
             "dynamics": X - previous - V,
             "acceleration": ca.sum1(change**2),
@@ -188,7 +190,7 @@ def penalised_guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     squared = ca.sum1((X - ca.repmat(center, 1, horizon)) ** 2)
     inside = squared <= radius**2
     underway = (ca.cumsum(inside, 1) - inside) < 0.5  # not arrived before this step
-    risk = ca.dot(underway, dt * hazard.single_agent_expression(X))
+    risk = ca.dot(underway, dt * hazard.expression_along(X))
     distance = ca.sqrt(ca.fmax(squared[-1], radius**2)) - radius
     return Nlp(
         name=f"penalised guide[{horizon}]",

@@ -62,7 +62,7 @@ class Potential:
 
     A potential w_t, t = 0, ..., N, satisfies, for all positions x and all x' within reach of x,
 
-        (P1)  w_t(x) <= dt b(x') + w_(t+1)(x'),    b the single-agent rate;
+        (P1)  w_t(x) <= dt b(x') + w_(t+1)(x'),    b the single-agent rate after step t;
         (P2)  w_t(x) <= 0 in the target;
         (P3)  |x - y|^2 >= (|w_t(x) - w_t(y)| / L)^2 - h^2 / 2;
         (P4)  w_t(x) - w_(t+1)(x') <= d.
@@ -139,12 +139,14 @@ class PotentialFamily:
 
     @cached_property
     def _stage_costs(self) -> StageCosts:
-        return StageCosts(Grid(self.task, 1, self.reach, ((self._block,),)), True, self.multiplier)
+        samples = self.task.steps if self.task.hazard.changes else 1  # which all steps share
+        grid = Grid(self.task, 1, self.reach, ((self._block,),) * samples)
+        return StageCosts(grid, True, self.multiplier)
 
-    @cached_property
-    def _costs(self) -> FloatArray:
-        """Lower bounds of the single-agent risk of a step to every node."""
-        costs = self._stage_costs.nodes[0][0] * (1 - 1e-9)
+    def _costs(self, step: int) -> FloatArray:
+        """Lower bounds of the single-agent risk of arriving at every node at a step, from 1."""
+        nodes = self._stage_costs.nodes
+        costs = nodes[min(step, len(nodes)) - 1][0] * (1 - 1e-9)
         costs[[0, -1]] = 0.0  # what is outside counts as at the edge
         costs[:, [0, -1]] = 0.0
         return np.asarray(costs)
@@ -184,11 +186,11 @@ class PotentialFamily:
         edge = slope / _CHAMFER * (self.task.step / self.reach)
         nodes = self._block.nodes
         highest = np.minimum(self._stage_costs.terminal(nodes), _HIGHEST)
-        costs = np.minimum(self._costs, largest)
         values: list[FloatArray] = []
-        for _ in range(self.task.steps + 1):
+        for step in range(self.task.steps, -1, -1):
             level = highest.copy()
             if values:
+                costs = np.minimum(self._costs(step + 1), largest)
                 after = box_extremum(values[-1] + costs, nodes, nodes, self.reach)
                 np.minimum(level, after, out=level)
             if math.isfinite(slope):

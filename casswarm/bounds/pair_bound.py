@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import PlanningError
 from ..grid.nodes import NodeBlock, Relaxation, multilinear
+from ..hazard import require_at_rest
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
@@ -196,7 +197,11 @@ def first_program(
 
 
 def require_pair(scenario: Scenario) -> None:
-    """Raise PlanningError unless a scenario has two members and rates with bounds for pairs."""
+    """Raise PlanningError unless a scenario has two members and rates with bounds for pairs.
+
+    HazardError, if rates depend on time.
+    """
+    require_at_rest(scenario.hazard, "the optimal value of two members")
     if scenario.n != 2:
         reason = (
             f"the optimal value is computed for two members; {scenario.name!r} has {scenario.n}"

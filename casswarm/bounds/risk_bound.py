@@ -114,7 +114,7 @@ def certify(
     Parameters
     ----------
     task : Relaxation
-        Its hazard must provide `single_agent_rates_below`.
+        Its hazard must provide `single_agent_rates_below`, at every step if rates depend on time.
     best : float
         Risk of a known path of the relaxation.
     multiplier : float
@@ -228,7 +228,7 @@ def arrival_multiplier(task: Relaxation, positions: FloatArray) -> float:
         return 0.0
     normal = np.broadcast_to(outward / distance, positions[1:].shape)
     shift = 1e-6 * task.step * np.eye(2)
-    rates = [task.rates(positions[1:, None] + sign * shift) for sign in (1, -1)]
+    rates = [task.rates_along(positions[1:, None] + sign * shift) for sign in (1, -1)]
     slopes = task.dt * (rates[0] - rates[1]) / (2e-6 * task.step)
     gradients = np.cumsum(slopes[::-1], axis=0)[::-1]
     moves = np.diff(positions, axis=0)

@@ -160,9 +160,10 @@ def _bound(
     task = Relaxation.from_scenario(scenario)
     among = replace(task, least=task.hazard.least_rate(scenario.n))
     if among.least is None or not task.bounded:
+        kind = type(task.hazard.after(1)).__name__
         reason = (
-            f"{type(task.hazard).__name__} does not provide the least rate of a member among "
-            f"{scenario.n}; Saturation and SaturationCollision do"
+            f"{kind} does not provide the least rate of a member among {scenario.n}; "
+            "Saturation and SaturationCollision do"
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
     risks = lowest_risks(among, scenario.positions, max_nodes)

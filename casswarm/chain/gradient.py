@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .._util.threads import locked_cache
 from ..compiled.kernels import allocating_kernel, kernel
-from ..hazard import Hazard
+from ..hazard import Hazard, require_at_rest
 from ..policies.parametric import BatchFunction, ParametricPolicy
 from ..typing import BoolArray, FloatArray, IntArray
 from .exact import Edges, Layer, StateSpaceExpansion
@@ -78,6 +78,7 @@ def success_and_gradient(
         target are absorbed. Rounding to a lattice is differentiated as if it were none.
     """
     scenario, gradient = expansion.scenario, np.zeros_like(policy.parameters)
+    require_at_rest(scenario.hazard, "the gradient of success in a policy's parameters")
     absorption = partial(_absorption, scenario, arrival_smoothing)
     layers, residual = expansion.layers(lambda move: absorption(move)[0])
     after = Values(*np.zeros((2, 0)), *np.zeros((2, 0, scenario.n, 2)))

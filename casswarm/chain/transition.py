@@ -255,7 +255,9 @@ def transition(
     return Transition(
         velocities=velocities,
         positions=following,
-        survival=np.exp(-scenario.time.dt * scenario.hazard.rates(following, alive)),
+        survival=np.exp(
+            -scenario.time.dt * scenario.hazard.after(step + 1).rates(following, alive)
+        ),
         inside=scenario.target.contains(following),
         counts=dict(zip(COUNTS, counts, strict=True)),
     )

@@ -32,6 +32,7 @@ from ..errors import EnvError
 from ..grid import Relaxation
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
+from ..hazard import require_at_rest
 from ..hazard.compiled_rates import compiled_rates
 from ..motion.step import Motion
 from ..policies.observation import Observation
@@ -97,6 +98,7 @@ class SwarmBatch:
                 value=discount,
             )
         self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        require_at_rest(self.scenario.hazard, "an environment (casswarm.envs)")
         self.size, self.discount = int(size), discount
         self.observation = Observation.from_scenario(self.scenario, dtype)
         self._initial_velocities = _initial_velocities(self.scenario, guide)

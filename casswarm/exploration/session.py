@@ -11,6 +11,7 @@ from typing import Any
 
 from ..errors import CasswarmError, PlanningError
 from ..guide.guide import Guide
+from ..hazard import require_at_rest
 from ..policies.named import require_policy_name
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario, save_scenario
@@ -100,6 +101,7 @@ class Session:
     ) -> None:
         require_scenario("explore", scenario)
         require_policy_name(policy)
+        require_at_rest(scenario.hazard, "the page for exploring (explore)")
         self.history = History(Moment(scenario, policy))
         self._file, self._version = file, 0
         self._listeners: list[Callable[[], None]] = []

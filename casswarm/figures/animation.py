@@ -50,7 +50,7 @@ from .formations import (
     legend_handles,
     window,
 )
-from .maps import draw_base_map, pixels
+from .maps import add_radars, draw_base_map, pixels
 
 _PIXELS = 110
 
@@ -103,7 +103,7 @@ class RunFigure:
         self.nodes = pixels(low, high, _PIXELS)
         ratios = (1.0, (high[1] - low[1]) / (high[0] - low[0]))
         fig, (self.map, close) = panels(2, 2, 0.62, width_ratios=ratios)
-        self.image = draw_base_map(self.map, self.scenario, low, high)
+        self.image = draw_base_map(self.map, self.scenario, low, high, radars=False)
         what: dict[str, Any] = {"marked": self.marked, "per_step": self.per_step}
         self.closeup = Closeup(close, self.scenario, trajectory, self.centers, self.half, **what)
         close.set_ylabel("")
@@ -128,13 +128,14 @@ class RunFigure:
         """Show a frame."""
         with rc_context(self.settings):
             positions, alive = self.trajectory.positions[frame], self.trajectory.alive[frame]
-            rates = additional_agent_rates(self.scenario.hazard, self.nodes, positions, alive)
+            hazard = self.scenario.hazard.at(frame * self.scenario.time.dt / self.per_step)
+            rates = additional_agent_rates(hazard, self.nodes, positions, alive)
             self.image.set_data(rates)
             self.closeup.show(frame)
             self.heading.set_text(self._heading(frame))
             for artist in self.artists:
                 artist.remove()
-            self.artists = []
+            self.artists = add_radars(self.map, hazard) if self.scenario.hazard.changes else []
             self._draw_members(frame)
         return self.artists
 

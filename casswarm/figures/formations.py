@@ -80,6 +80,7 @@ class Closeup:
         per_step: int = 1,
     ) -> None:
         self.axes, self.hazard, self.trajectory = axes, scenario.hazard, trajectory
+        self.dt = scenario.time.dt / per_step
         self.centers, self.half, self.per_step = centers, half, per_step
         self.few = trajectory.alive.shape[1] <= len(MEMBERS)
         corner = np.full(2, half)
@@ -105,7 +106,8 @@ class Closeup:
         self.artists = []
         alive, positions = self.trajectory.alive[step], self.trajectory.positions[step]
         center = self.centers[step]
-        rates = relative_rates(self.hazard, self.nodes + center, positions, alive)
+        hazard = self.hazard.at(step * self.dt)
+        rates = relative_rates(hazard, self.nodes + center, positions, alive)
         self.image.set_data(np.minimum(rates, _MAX))  # rates of collisions are unbounded
         lost = self.trajectory.alive[max(0, step - self.per_step)] & ~alive
         offsets = positions - center

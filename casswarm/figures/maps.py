@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
@@ -37,6 +38,7 @@ from .._util.text import counted
 from ..chain.monte_carlo import RunTrajectory
 from ..grid import CostToGoMap, ValueFunction
 from ..guide.guide import Candidate, Guide
+from ..hazard import Hazard
 from ..motion.kinematics import integrate
 from ..scenario import Scenario
 from ..typing import FloatArray
@@ -101,12 +103,22 @@ _CAP = 0.995  # quantile of the rates at which the scale ends: near radars they 
 GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspace(0.0, 0.72, 256)))
 
 
-def base_map(scenario: Scenario, contents: Sequence[FloatArray]) -> tuple[Figure, Axes]:
-    """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`."""
+def base_map(
+    scenario: Scenario, contents: Sequence[FloatArray], step: int | None = None
+) -> tuple[Figure, Axes]:
+    """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`.
+
+    Rates that depend on time are those after `step` steps, by default the last one.
+    """
     fig, axes = single_panel()
-    image = draw_base_map(axes, scenario, *scenario.extent(contents))
-    add_colorbar(axes, image, "single-agent hazard rate, per unit time", extend="max")
+    image = draw_base_map(axes, scenario, *scenario.extent(contents), step)
+    when = f" after step {_shown(scenario, step)}" if scenario.hazard.changes else ""
+    add_colorbar(axes, image, f"single-agent hazard rate{when}, per unit time", extend="max")
     return fig, axes
+
+
+def _shown(scenario: Scenario, step: int | None) -> int:
+    return scenario.n_steps if step is None else step
 
 
 def add_colorbar(axes: Axes, image: AxesImage, label: str, **options: Any) -> None:
@@ -129,13 +141,25 @@ def pixels(low: FloatArray, high: FloatArray, number: int = _PIXELS) -> FloatArr
     return np.stack(np.meshgrid(*(low[k] + size[k] * axis for k in (0, 1))), axis=-1)
 
 
-def draw_base_map(axes: Axes, scenario: Scenario, low: FloatArray, high: FloatArray) -> AxesImage:
-    """Make axes a map with these corners: hazard rates on a logarithmic scale, and landmarks."""
+def draw_base_map(
+    axes: Axes,
+    scenario: Scenario,
+    low: FloatArray,
+    high: FloatArray,
+    step: int | None = None,
+    radars: bool = True,
+) -> AxesImage:
+    """Make axes a map with these corners: hazard rates on a logarithmic scale, and landmarks.
+
+    Radars that move or switch are drawn after `step` steps, by default the last one, with their
+    paths; without `radars` only their paths.
+    """
     set_extent(axes, low, high)
-    rates = scenario.hazard.single_agent_rates(pixels(low, high))
+    hazard = scenario.hazard.after(_shown(scenario, step))
+    rates = hazard.single_agent_rates(pixels(low, high))
     lowest = max(float(rates.min()), 1e-12 * float(rates.max())) or 1.0  # all rates may be zero
     norm = LogNorm(lowest, max(float(np.quantile(rates, _CAP)), lowest * 1.01))
-    add_landmarks(axes, scenario)
+    add_landmarks(axes, scenario, step=step, in_time=radars)
     return draw_field(axes, np.maximum(rates, lowest), norm)
 
 
@@ -153,14 +177,41 @@ def draw_field(
     )
 
 
-def add_landmarks(axes: Axes, scenario: Scenario, radars: str = VERMILION) -> None:
-    """Draw the target and the radars."""
+def add_landmarks(
+    axes: Axes,
+    scenario: Scenario,
+    radars: str = VERMILION,
+    step: int | None = None,
+    in_time: bool = True,
+) -> None:
+    """Draw the target and the radars; those in time after a step, unless not `in_time`."""
     center, radius = scenario.target.center, scenario.target.radius
     zone = Circle(center, radius, facecolor="white", edgecolor=INK, hatch="////", label="target")
     axes.add_patch(zone).set_zorder(2)
-    if len(scenario.hazard.radar_positions):
-        style = marker("^", 9, radars, edge="white" if radars != "white" else INK)
-        axes.plot(*scenario.hazard.radar_positions.T, zorder=5, label="radar", **style)
+    if not scenario.hazard.changes:
+        add_radars(axes, scenario.hazard, radars)
+        return
+    after = [scenario.hazard.after(k) for k in range(scenario.n_steps + 1)]
+    paths = np.stack([hazard.radar_positions for hazard in after], axis=1)
+    for path in paths[np.ptp(paths, axis=1).any(axis=1)] if len(paths) else ():
+        axes.plot(*path.T, color=radars, lw=scaled(0.9), ls=":", zorder=4)
+    if in_time:
+        add_radars(axes, after[_shown(scenario, step)], radars)
+
+
+def add_radars(axes: Axes, hazard: Hazard, color: str = VERMILION) -> list[Artist]:
+    """Draw the radars of a hazard; those that are not active fainter."""
+    positions = hazard.radar_positions
+    on = getattr(hazard, "radar_strengths", np.ones(len(positions))) > 0
+    style = marker("^", 9, color, edge="white" if color != "white" else INK)
+    drawn: list[Artist] = []
+    if on.any():
+        drawn += axes.plot(*positions[on].T, zorder=5, label="radar", **style)
+    if not on.all():
+        off = axes.plot(*positions[~on].T, zorder=5, label="radar, not active", **style)
+        off[0].set_alpha(0.35)
+        drawn += off
+    return drawn
 
 
 def add_start(axes: Axes, positions: FloatArray, label: str = "start") -> None:
@@ -329,7 +380,7 @@ def guide_map(
     ]
     shape, tie = guide.positions.shape, 1e-12 * np.abs(guide.positions).max()
     paths = [p for p in paths if p.shape != shape or np.abs(p - guide.positions).max() > tie]
-    fig, axes = base_map(scenario, [guide.positions, scenario.positions, *paths])
+    fig, axes = base_map(scenario, [guide.positions, scenario.positions, *paths], guide.arrival)
     for number, path in enumerate(paths):
         label = "other candidate paths" if number == 0 else None
         axes.plot(*path.T, color=INK, lw=scaled(0.9), ls=(0, (4, 3)), zorder=3, label=label)
@@ -367,7 +418,7 @@ def cost_to_go_map(
     add_colorbar(axes, image, "single-agent survival from here")
     _draw_arrows(axes, costs)
     axes.plot(*guide.positions.T, color=VERMILION, lw=scaled(1.8), zorder=4, label="guide")
-    add_landmarks(axes, scenario, radars="white")
+    add_landmarks(axes, scenario, radars="white", step=costs.step)
     add_legend(fig, axes)
     return fig
 

@@ -15,9 +15,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..hazard import Hazard
 from ..hazard.rate_bounds import cap_radius
 from ..typing import FloatArray
-from .nodes import UNIT, CellBlock, Grid, NodeBlock, extremum_within_reach
+from .nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, extremum_within_reach
 
 Node: TypeAlias = tuple[int, int]
 Values: TypeAlias = list[list[FloatArray]]
@@ -51,20 +52,53 @@ class StageCosts:
     @cached_property
     def nodes(self) -> Values:
         """Risk of a visit; infinite at nodes of no active cell."""
+        phases: dict[tuple[Relaxation, ...], list[int]] = {}
+        for sample in range(len(self.grid.blocks)):
+            phases.setdefault(self._relaxations(sample), []).append(sample)
+        values: Values = [[] for _ in self.grid.blocks]
+        for relaxations, samples in phases.items():
+            self._write_phase(relaxations, samples, values)
+        return values
+
+    def _relaxations(self, sample: int) -> tuple[Relaxation, ...]:
+        """The task with the rates of the steps that a sample, from 0, may be taken at.
+
+        For a bound those are all m of them: the m paths of a guide have different ones.
+        """
+        grid, task = self.grid, self.grid.task
+        if not task.hazard.changes:
+            return (task,)
+        last = min((sample + 1) * grid.stride, task.steps)
+        steps = range(sample * grid.stride + 1, last + 1) if self.certified else [last]
+        hazards = dict.fromkeys(task.hazard.after(step) for step in steps)
+        return tuple(self._tasks.setdefault(each, replace(task, hazard=each)) for each in hazards)
+
+    @cached_property
+    def _tasks(self) -> dict[Hazard, Relaxation]:
+        """The task with the rates of other times, one object for equal rates."""
+        return {}
+
+    def _write_phase(
+        self, relaxations: tuple[Relaxation, ...], samples: list[int], values: Values
+    ) -> None:
+        """Write the risks of samples that have the rates of the same relaxations."""
         grid = self.grid
-        blocks = [block for blocks in grid.blocks for block in blocks]
+        blocks = [block for sample in samples for block in grid.blocks[sample]]
         if not blocks:
-            return [[] for _ in grid.blocks]
+            return
         hull = NodeBlock.hull(block.nodes for block in blocks)
         # one evaluation serves all samples where their blocks overlap enough
-        shared = self._rates(hull) if hull.size <= grid.size else None
+        size = sum(block.nodes.size for block in blocks)
+        shared = self._rates(hull, relaxations) if hull.size <= size else None
 
         def costs(block: CellBlock) -> FloatArray:
             nodes = block.nodes
-            rates = self._rates(nodes) if shared is None else shared[nodes.within(hull)]
+            whole = self._rates(nodes, relaxations) if shared is None else shared
+            rates = whole if shared is None else whole[nodes.within(hull)]
             return rates if block.cells.all() else np.where(block.visited, rates, np.inf)
 
-        return [[costs(block) for block in blocks] for blocks in grid.blocks]
+        for sample in samples:
+            values[sample] = [costs(block) for block in grid.blocks[sample]]
 
     def with_multiplier(self, multiplier: float) -> StageCosts:
         """Copy with another multiplier, on which risks of visits do not depend."""
@@ -72,16 +106,21 @@ class StageCosts:
         other.__dict__["nodes"] = self.nodes
         return other
 
-    def _rates(self, nodes: NodeBlock) -> FloatArray:
-        grid, task = self.grid, self.grid.task
+    def _rates(self, nodes: NodeBlock, relaxations: tuple[Relaxation, ...]) -> FloatArray:
+        """Least risk of a visit, of those with the rates of each relaxation."""
+        grid = self.grid
         east, north = grid.axes(nodes)
-        if self.certified:
-            rates = task.rates_below(east, north, grid.spacing)
-            assert rates is not None
-        else:
-            rates = task.rates(np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1))
-        rates *= grid.stride * task.dt
-        return rates
+        least: FloatArray | None = None
+        for task in relaxations:
+            if self.certified:
+                rates = task.rates_below(east, north, grid.spacing)
+                assert rates is not None
+            else:
+                rates = task.rates(np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1))
+            least = rates if least is None else np.minimum(least, rates)
+        assert least is not None
+        least *= grid.stride * grid.task.dt
+        return least
 
     def terminal(self, nodes: NodeBlock) -> FloatArray:
         """Cost of stopping at the nodes of a block, infinite if no adjacent cell touches the zone.
@@ -134,7 +173,7 @@ def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -
     operations = 4 * len(grid.blocks) + 8 * len(task.hazard.radar_positions) + 256
     wide = task.radius + task.steps * task.step
     far = np.maximum(np.abs(task.start), np.abs(task.center)).max() + wide
-    core_radius = getattr(task.hazard, "core_radius", 0.0)
+    core_radius = getattr(task.hazard.after(1), "core_radius", 0.0)
     coordinates = 32 * far / cap_radius(grid.spacing, core_radius)
     if interpolated:
         coordinates += 32 * (np.abs(task.start - task.center).max() + wide) / grid.spacing

@@ -285,12 +285,22 @@ class Relaxation:
     @property
     def bounded(self) -> bool:
         """True if the hazard provides lower bounds of its rates."""
-        return self.hazard.single_agent_lower_bound(self.start, self.start) is not None
+        return self.after(1).hazard.single_agent_lower_bound(self.start, self.start) is not None
+
+    def after(self, step: int) -> Relaxation:
+        """The relaxation with the rates after so many steps as those of all times."""
+        hazard = self.hazard.after(step)
+        return self if hazard is self.hazard else replace(self, hazard=hazard)
 
     def reachable(self, positions: FloatArray, steps: int) -> BoolArray:
         """Test if the target can be reached from positions (..., 2) in `steps` steps."""
         distance = remaining_distance(positions, self.center, steps * self.step)
         return np.asarray(distance <= self.radius)
+
+    def rates_along(self, points: FloatArray) -> FloatArray:
+        """Rates (T, ...) at points (T, ..., 2) after 1..T steps."""
+        rates = self.hazard.rates_along(points)
+        return rates if self.least is None else self.least(rates)
 
     def rates(self, points: FloatArray) -> FloatArray:
         """Rates (...) at points (..., 2)."""

@@ -133,7 +133,7 @@ class ValueFunction:
         task, arrived = self.grid.task, self._in_target(flat)
         risk = self._interpolated(self.upper, step, flat, reach=0)
         if arrived.any():
-            risk[arrived] = task.dt * task.rates(flat[arrived])
+            risk[arrived] = task.dt * task.after(step).rates(flat[arrived])
         return risk.reshape(positions.shape[:-1])
 
     @cached_property

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from ..scenario.sections import CONSTANTS
 from ..typing import FloatArray, IntArray, Progress
 
 if TYPE_CHECKING:
+    from ..hazard import KernelHazard
     from .guide import Candidate, Guide
 
 _TURN, _MIRROR = np.array([[0.0, -1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
@@ -109,6 +110,8 @@ class Frame:
             "target.center": self.points_to(scenario.target.center),
             "hazard.radars": self.points_to(scenario.hazard_table.radars),
         }
+        if tables := scenario.hazard_table.radar:
+            values["hazard.radar"] = [radar.mapped(self.points_to) for radar in tables]
         if scenario.swarm.velocity != "guide":
             values["swarm.velocity"] = self.points_to(scenario.swarm.velocity)
         return scenario.with_values(values)
@@ -161,9 +164,21 @@ def _key(scenario: Scenario, velocity: FloatArray, matrix: FloatArray) -> list[f
     weighted = np.column_stack([radars, table.strengths or np.ones(len(radars))])
     # exact sums do not depend on the order
     direction = [-round(math.fsum(column) / len(offsets), _DIGITS) for column in offsets.T]
+    if table.radar:
+        weighted = _radars_in_time(scenario, matrix)
     parts = [rows[_sorting(rows)].ravel().tolist() for rows in (offsets, weighted)]
     speeds = np.round(velocity @ matrix.T / scenario.swarm.v_max, _DIGITS_SPEED)
     return [*direction, *parts[0], *parts[1], *speeds.tolist()]
+
+
+def _radars_in_time(scenario: Scenario, matrix: FloatArray) -> FloatArray:
+    """A row for every radar: offset and strength after every step."""
+    columns = []
+    for step in range(scenario.n_steps + 1):
+        radars = cast("KernelHazard", scenario.hazard.after(step))
+        offsets = _offsets(scenario, radars.radar_positions) @ matrix.T
+        columns += [offsets, radars.radar_strengths[:, None]]
+    return np.hstack(columns)
 
 
 def _offsets(scenario: Scenario, points: FloatArray) -> FloatArray:

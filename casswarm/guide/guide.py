@@ -120,7 +120,7 @@ class Guide(Displayed):
         return cls(
             positions=positions,
             velocities=best.velocities,
-            rates=hazard.single_agent_rates(positions[1:]),
+            rates=hazard.rates_along(positions[1:]),
             dt=task.dt,
             center=task.center,
             arrives=bool(np.isfinite(best.risk)),

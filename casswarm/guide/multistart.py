@@ -20,6 +20,7 @@ from ..grid.dynamic_programming import (
     trace_back,
 )
 from ..grid.nodes import Grid, NodeBlock, Relaxation, box_extremum
+from ..hazard import Hazard
 from ..motion.kinematics import integrate, remaining_distance, resample
 from ..nlp.program import Instances, Nlp
 from ..nlp.residuals import kkt_residuals
@@ -111,18 +112,27 @@ def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
     ----------
     positions : (T+1, 2)
         Of the path.
-    radars : (k, 2)
-        Positions of the radars.
+    radars : (k, 2) or (T+1, k, 2)
+        Positions of the radars, with each of the path if they move: then the angle is that of the
+        path relative to the radar, and classes are for searching in several ones only.
 
     Returns
     -------
     str
         A letter for every radar, in their order.
     """
-    offset = positions[None] - radars[:, None]
+    moving = radars if radars.ndim == 3 else radars[None]
+    offset = (positions[:, None] - moving).swapaxes(0, 1)
     angle = np.unwrap(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
-    swept = angle[:, -1] - angle[:, 0] if len(radars) else np.empty(0)
+    swept = angle[:, -1] - angle[:, 0] if radars.shape[-2] else np.empty(0)
     return "".join("L" if turn > 0 else "R" for turn in swept)
+
+
+def _radars_along(hazard: Hazard, count: int, stride: int = 1) -> FloatArray:
+    """Positions of the radars beside a path's first `count`, as `homotopy_signature` takes them."""
+    if not hazard.changes:
+        return hazard.radar_positions
+    return np.stack([hazard.after(stride * index).radar_positions for index in range(count)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,12 +170,13 @@ def best_homotopy_classes(task: Relaxation, max_classes: int) -> list[GridPath]:
     the sum of cost to come and cost to go. Paths are traced through the best nodes of map tiles.
     """
     stage_costs = StageCosts(Grid.finest(task, _MAX_NODES), certified=False)
-    grid, radars = stage_costs.grid, task.hazard.radar_positions
+    grid = stage_costs.grid
     classes: dict[str, GridPath] = {}
     for nodes in _paths(stage_costs):
         if len(nodes) < 2:
             continue
         positions = task.start + grid.spacing * np.array(nodes, float)
+        radars = _radars_along(task.hazard, len(positions), grid.stride)
         homotopy = homotopy_signature(positions, radars)
         classes.setdefault(homotopy, GridPath(positions, grid.stride, homotopy))
         if len(classes) == max_classes:
@@ -331,7 +342,7 @@ class Multistart:
     def _scale(self, velocities: FloatArray) -> float:
         """Factor by which the risk of an initial path becomes `_SCALED_RISK`."""
         positions = integrate(self.task.start, velocities, self.task.dt)
-        risk = float(self.task.dt * self.scenario.hazard.single_agent_rates(positions[1:]).sum())
+        risk = float(self.task.dt * self.scenario.hazard.rates_along(positions[1:]).sum())
         return _SCALED_RISK / risk if 0 < risk < np.inf else 1.0
 
     def _refine(self, name: str, start: InitialPath, outcomes: list[Candidate]) -> None:
@@ -377,8 +388,8 @@ class Multistart:
         if inside.any() and solution.residuals.violation <= VIOLATION:
             first = int(inside.argmax()) + 1
             velocities, positions = velocities[:first], positions[: first + 1]
-            risk = float(task.dt * hazard.single_agent_rates(positions[1:]).sum())
-        homotopy = homotopy_signature(positions, hazard.radar_positions)
+            risk = float(task.dt * hazard.rates_along(positions[1:]).sum())
+        homotopy = homotopy_signature(positions, _radars_along(hazard, len(positions)))
         return Candidate(name, arrival, homotopy, velocities, risk, solution)
 
     def _repaired(self, velocities: FloatArray) -> FloatArray:

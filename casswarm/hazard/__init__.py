@@ -4,6 +4,7 @@ from .array_rates import LocalRates, blocked, set_rates, unblocked
 from .base import Hazard
 from .compiled_rates import compiled_rates, rate_module
 from .custom import CustomHazard
+from .in_time import HazardInTime, RadarTrack, require_at_rest
 from .kernel_hazard import KernelHazard, regular
 from .rate_bounds import LeastRate
 from .saturation import Saturation, SaturationCollision
@@ -11,15 +12,18 @@ from .saturation import Saturation, SaturationCollision
 __all__ = [
     "CustomHazard",
     "Hazard",
+    "HazardInTime",
     "KernelHazard",
     "LeastRate",
     "LocalRates",
+    "RadarTrack",
     "Saturation",
     "SaturationCollision",
     "blocked",
     "compiled_rates",
     "rate_module",
     "regular",
+    "require_at_rest",
     "set_rates",
     "unblocked",
 ]

@@ -26,6 +26,19 @@ class Hazard(ABC):
     def radar_positions(self) -> FloatArray:
         """Positions of the radars, shape (k, 2); k = 0 if there are none."""
 
+    @property
+    def changes(self) -> bool:
+        """True if rates depend on time: see `casswarm.hazard.HazardInTime`."""
+        return False
+
+    def at(self, time: float) -> Hazard:  # noqa: ARG002
+        """The hazard at a time, in units of time: rates that do not depend on it."""
+        return self
+
+    def after(self, step: int) -> Hazard:  # noqa: ARG002
+        """The hazard at time ``step * dt``: after step t, members have the rates of t + 1."""
+        return self
+
     @abstractmethod
     def expression(self, positions: Expr, alive: Expr) -> Expr:
         """Rates of all members as one expression.
@@ -71,7 +84,13 @@ class Hazard(ABC):
     def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         """Rates (B, n) of a batch of states (B, n, 2), (B, n); unchecked, unmasked."""
 
-    def rates(self, positions: ArrayLike, alive: ArrayLike | None = None) -> FloatArray:
+    def rates(
+        self,
+        positions: ArrayLike,
+        alive: ArrayLike | None = None,
+        *,
+        time: float | ArrayLike | None = None,  # noqa: ARG002
+    ) -> FloatArray:
         """Rates per unit time of every member, 0 for the destroyed.
 
         Parameters
@@ -80,6 +99,8 @@ class Hazard(ABC):
             One state, or a batch of states.
         alive : array_like of bool, shape (n,) or (B, n), optional
             Living members, all by default. A single row applies to the whole batch.
+        time : float or array_like of shape (B,), optional
+            Time of the states, in units of time; hazards that do not depend on it need none.
 
         Returns
         -------
@@ -147,7 +168,20 @@ class Hazard(ABC):
         rates = self.rates(states, np.tile(sets, (len(positions), 1)))
         return rates.reshape(len(positions), *sets.shape)
 
-    def single_agent_rates(self, points: ArrayLike) -> FloatArray:
+    def rates_along(self, points: FloatArray, step: int = 0) -> FloatArray:  # noqa: ARG002
+        """Rates (T, ...) of single members on paths, at points (T, ..., 2) from `step` + 1 on."""
+        return self.single_agent_rates(points)
+
+    def expression_along(self, points: Expr) -> Expr:
+        """Rates of a single member on a path, at points after 1..T steps: (2, T) to (1, T)."""
+        return self.single_agent_expression(points)
+
+    def single_agent_rates(
+        self,
+        points: ArrayLike,
+        *,
+        time: float | None = None,  # noqa: ARG002
+    ) -> FloatArray:
         """Rate lambda-bar of a single member at each point: (..., 2) to (...)."""
         x = np.asarray(points, dtype=float)
         if x.shape[-1:] != (2,):

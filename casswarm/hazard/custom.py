@@ -271,11 +271,13 @@ def user_hazard(
     `kind` is the function or class, or its name ``module:name``. With a folder, that of a scenario
     file, the module must lie in it and define what is named, or an installed package must offer
     it as an entry point; without, the module is imported as usual. A class is called with the
-    radars and parameters. HazardError tells what cannot be imported or called, or fails.
+    radars and parameters; a function with an argument ``time`` is called with time 0. HazardError
+    tells what cannot be imported or called, or fails.
     """
     rates = _named(kind, folder) if isinstance(kind, str) else kind
     if not (isinstance(rates, type) and issubclass(rates, Hazard)):
-        return CustomHazard(rates, radars, parameters)
+        start = {"time": 0.0} if _takes_time(rates) else {}
+        return CustomHazard(rates, radars, start | dict(parameters))
     try:
         return rates(**{"radars": radars} | dict(parameters))
     except HazardError:
@@ -284,6 +286,13 @@ def user_hazard(
         raise HazardError(
             f"{rates.__name__} cannot be made: {failure_text(error)}", hazard=rates.__name__
         ) from error
+
+
+def _takes_time(function: Callable[..., Any]) -> bool:
+    try:
+        return "time" in signature(function, follow_wrapped=False).parameters
+    except (TypeError, ValueError):  # of compiled code
+        return False
 
 
 def _named(name: str, folder: Path | None) -> Callable[..., Any]:

@@ -20,6 +20,7 @@ from ..errors import ScenarioError, SolverError
 from ..guide.frame import Frame
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
+from ..hazard import require_at_rest
 from ..motion.kinematics import integrate, interpolated
 from ..problems.joint import OBJECTIVES, JointForm, JointTask
 from ..scenario.scenario_files import require_scenario
@@ -382,6 +383,7 @@ def plan_swarm(
         A value that is given plainly and in a record, or is none of these.
     """
     require_scenario("plan_swarm", scenario)
+    require_at_rest(scenario.hazard, "a joint plan (plan_swarm)")
     values = given_values("plan_swarm", execution, plain=plain, time_limit=None, progress=None)
     time_limit, progress = values
     started, seed, progress = time.perf_counter(), require_seed(seed), reporter(progress)

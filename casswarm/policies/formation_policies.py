@@ -33,7 +33,7 @@ from ..formation.projected_gradient import SpectralProjectedGradient
 from ..formation.task import FOLLOWER_WEIGHT, LEADER_SELECTION, Formation, FormationTask, or_none
 from ..grid import ValueFunction
 from ..guide.guide import Guide
-from ..hazard import Hazard
+from ..hazard import Hazard, require_at_rest
 from ..motion.step import Motion, Step
 from ..nlp.program import Instances, Nlp
 from ..nlp.solution import BatchSolution
@@ -93,7 +93,10 @@ class FormationPolicy(Policy):
     ) -> Step:
         horizon = max(1, min(self.horizon, self.guide.arrival - step))
         goals = np.array([self.guide.reference(step + s) for s in range(1, horizon + 1)])
-        return Step(self.hazard, self.motion, positions, previous_velocities, alive, goals)
+        hazard = self.hazard.after(step + 1)
+        if horizon > 1:
+            require_at_rest(self.hazard, "a formation over several steps (horizon)")
+        return Step(hazard, self.motion, positions, previous_velocities, alive, goals)
 
     @abstractmethod
     def _task(self, data: Step, reference: FloatArray) -> FormationTask:
@@ -290,7 +293,8 @@ class FeedbackPolicy(Policy):
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> Decision:
         lead, goals = self.lead_agents(step, positions, previous_velocities, alive)
-        data = Step(self.hazard, self.motion, positions, previous_velocities, alive, goals[None])
+        hazard = self.hazard.after(step + 1)
+        data = Step(hazard, self.motion, positions, previous_velocities, alive, goals[None])
         return formation_decision(self._task(data, lead), self.solver)
 
     def _task(self, data: Step, lead: NDArray[np.intp]) -> FormationTask:
@@ -376,7 +380,7 @@ class FeedbackPolicy(Policy):
     def _risks(self, step: int, paths: FloatArray) -> FloatArray:
         """Risks (B, m) of manoeuvres (K, B, m, 2) and of what follows; infinite without arrival."""
         task, last = self.value.grid.task, len(paths) - 1
-        rates = self.hazard.single_agent_rates(paths.reshape(-1, 2)).reshape(paths.shape[:-1])
+        rates = self.hazard.rates_along(paths, step)
         accumulated = task.dt * np.cumsum(rates, axis=0)
         inside = ((paths - task.center) ** 2).sum(axis=-1) <= task.radius**2
         arrival = inside.argmax(axis=0)

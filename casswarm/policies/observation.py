@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._util.text import shown
 from ..compiled.kernels import contiguous, kernel
 from ..errors import PolicyError
+from ..hazard import require_at_rest
 from ..typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ class Observation:
             raise PolicyError(
                 f"dtype = {shown(dtype)}; allowed: {' or '.join(DTYPES)}", dtype=dtype
             )
+        require_at_rest(scenario.hazard, "the observation of environments and models")
         distances = scenario.target.distances(scenario.positions)
         return cls(
             n=scenario.n,

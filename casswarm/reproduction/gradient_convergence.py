@@ -92,7 +92,7 @@ def _risk(scenario: Scenario, path: FloatArray) -> float:
     inside = scenario.target.contains(path[1:])
     if not inside.any():
         return float("nan")
-    rates = scenario.hazard.single_agent_rates(path[1 : 2 + int(inside.argmax())])
+    rates = scenario.hazard.rates_along(path[1 : 2 + int(inside.argmax())])
     return float(scenario.time.dt * rates.sum())
 
 

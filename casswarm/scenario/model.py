@@ -24,7 +24,6 @@ from .sections import (
     GuideOptions,
     HazardTable,
     Swarm,
-    Table,
     Target,
     Time,
     annotated,
@@ -34,6 +33,7 @@ from .validation import (
     NO_SUCH_KEY,
     PARAMETER_PREFIX,
     Name,
+    Table,
     Text,
     as_text,
     known_keys,
@@ -160,7 +160,7 @@ class Scenario(Displayed, Table):
     def hazard(self) -> Hazard:
         """Destruction rates of the members."""
         apart = core_radius(self.target, self.hazard_table)
-        return self.hazard_table.build(apart, self._context.get("folder"))
+        return self.hazard_table.build(apart, self._context.get("folder"), self.time.dt)
 
     def replace(self, **tables: Unpack[Changes]) -> Scenario:
         """Copy of the scenario with other values in its tables, validated again.
@@ -324,10 +324,17 @@ class Scenario(Displayed, Table):
         These are points (m, 2); the map has a margin around them.
         """
         center = np.asarray(self.target.center)[None]
-        points = np.vstack([*contents, center, self.hazard.radar_positions])
+        points = np.vstack([*contents, center, self.hazard.radar_positions, *self._radar_paths])
         low, high = points.min(axis=0), points.max(axis=0)
         pad = _MAP_PAD * float(np.max(high - low)) + self.target.radius
         return low - pad, high + pad
+
+    @cached_property
+    def _radar_paths(self) -> list[FloatArray]:
+        """Positions of the radars after every step, where they move."""
+        moves = self.hazard_table.radar and self.hazard.changes
+        steps = range(1, self.n_steps + 1) if moves else ()
+        return [self.hazard.after(step).radar_positions for step in steps]
 
     def _data(self) -> dict[str, Any]:
         data = self.model_dump(by_alias=True, exclude_none=True)
@@ -353,7 +360,7 @@ class Scenario(Displayed, Table):
     def __repr__(self) -> str:
         table = self.hazard_table
         kind = table.kind if isinstance(table.kind, str) else "custom"
-        size = f"{counted(self.n, 'member')}, {counted(len(table.radars), 'radar')}, {kind} hazard"
+        size = f"{counted(self.n, 'member')}, {counted(len(table.starts), 'radar')}, {kind} hazard"
         return f"<Scenario '{self.name}': {size}, {counted(self.n_steps, 'step')}>"
 
     __str__ = __repr__
@@ -384,7 +391,7 @@ def _problems(
 def doubts(scenario: Scenario) -> Iterator[str]:
     """Yield doubts about settings that are allowed in a scenario, but hardly meant."""
     hazard, target = scenario.hazard_table, scenario.target
-    for first, second in _equal_points(hazard.radars):
+    for first, second in _equal_points(hazard.radars):  # radars in time may take turns
         yield f"hazard.radars[{first}] and [{second}] are the same point: their rates are added"
     for k, inside in enumerate(target.contains(scenario.hazard.radar_positions)):
         if inside:
@@ -409,12 +416,14 @@ def _equal_points(points: Sequence[tuple[float, float]]) -> Iterator[tuple[int, 
 def _start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterator[str]:
     """Members that start inside a radar or in the target zone, or faster than they can move."""
     apart = core_radius(target, hazard)
+    places = {f"hazard.radars[{k}]": center for k, center in enumerate(hazard.radars)}
+    places |= {f"hazard.radar[{k}]": radar.start for k, radar in enumerate(hazard.radar)}
     for i, position in enumerate(swarm.positions):
-        for radar, center in enumerate(hazard.radars):
+        for name, center in places.items():
             if math.dist(position, center) < apart:
                 yield (
                     f"swarm.positions[{i}] is {as_text(list(position))}, on "
-                    f"hazard.radars[{radar}]; move one of them, {apart:g} or more apart "
+                    f"{name}; move one of them, {apart:g} or more apart "
                     "(hazard.core_radius)"
                 )
     for i, inside in enumerate(target.contains(np.array(swarm.positions))):
@@ -499,8 +508,8 @@ def _custom_hazard_problems(
         yield f"{subject}{_consent(str(hazard.kind), folder)}"
         return
     try:
-        built = hazard.build(core_radius(scenario.target, hazard), folder)
-        built.rates(scenario.positions)
+        built = hazard.build(core_radius(scenario.target, hazard), folder, scenario.time.dt)
+        built.after(1).rates(scenario.positions)
     except USER_ERRORS as error:  # the user's code may raise anything
         yield f"{subject}: {' '.join(str(error).split()) or type(error).__name__}"
 

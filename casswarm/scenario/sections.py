@@ -15,10 +15,8 @@ import tomli_w
 from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
-    ConfigDict,
     Field,
     PlainValidator,
-    ValidationError,
     WithJsonSchema,
     model_validator,
 )
@@ -26,6 +24,7 @@ from pydantic.fields import FieldInfo
 
 from .._util.text import counted, suggestion
 from ..errors import ScenarioError
+from .radars import MOST_RADARS, Radar
 from .validation import (
     LARGEST,
     Allowed,
@@ -36,15 +35,15 @@ from .validation import (
     Point,
     Positive,
     Problem,
+    Table,
     allowed,
     as_text,
+    element_table,
+    field_of,
     fields,
     invalid,
-    problems_of,
     require_none,
-    scenario_error,
     subtable,
-    to_plain,
 )
 
 if TYPE_CHECKING:
@@ -53,43 +52,6 @@ if TYPE_CHECKING:
 
 _STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
 _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to rounding
-
-
-_PYDANTIC = frozenset(dir(BaseModel))
-
-
-class Table(BaseModel):
-    """Base of the tables: immutable, without unknown keys, with errors in plain words."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    def __init__(self, **values: Any) -> None:
-        try:
-            super().__init__(**to_plain(values))
-        except (ValidationError, RecursionError) as error:
-            headline = f"invalid {type(self).__name__}"
-            raise scenario_error(headline, problems_of(error, type(self))) from None
-
-    def __dir__(self) -> list[str]:
-        """Names of the table's own: pydantic's, most of them deprecated, are not listed."""
-        return [name for name in super().__dir__() if name[0] == "_" or name not in _PYDANTIC]
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if name.startswith("_"):
-            super().__setattr__(name, value)
-            return
-        table = type(self).__name__.removesuffix("Options").removesuffix("Table").lower()
-        key = name if table == "scenario" else f"{table}.{name}"
-        raise ScenarioError(
-            f"scenarios are immutable, so {key} cannot be set; a changed copy is "
-            f"scenario.with_values({{{key!r}: ...}})",
-            key=key,
-            value=value,
-        )
-
-    # Otherwise pydantic would call this constructor for every table inside a scenario, and the
-    # errors would lose the name of the table.
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
 class Swarm(Table):
@@ -351,6 +313,15 @@ class HazardTable(Table):
         examples=[[1.0, 2.0]],
         description="Factors of the radars' rates, one for each radar; all 1 by default.",
     )
+    radar: Annotated[
+        tuple[Radar, ...],
+        Field(max_length=MOST_RADARS),
+        Allowed(f"at most {MOST_RADARS} tables [[hazard.radar]]"),
+    ] = Field(
+        (),
+        description="Radars that move or switch, a table for each, beside those of `radars`; times "
+        "are those of the clock, from 0.",
+    )
     core_radius: Positive | None = Field(
         None,
         examples=[0.01],
@@ -414,19 +385,45 @@ class HazardTable(Table):
         named = isinstance(self.kind, str) and not isinstance(self.kind, FunctionName)
         return named and self.is_custom
 
-    def build(self, core_radius: float, folder: Path | None = None) -> Hazard:
-        """Hazard that the table describes; a ``module:function`` lies in `folder`."""
+    @property
+    def starts(self) -> tuple[tuple[float, float], ...]:
+        """Positions of all radars at time 0."""
+        return (*self.radars, *(radar.start for radar in self.radar))
+
+    def build(self, core_radius: float, folder: Path | None = None, dt: float = 1.0) -> Hazard:
+        """Hazard that the table describes; a ``module:function`` lies in `folder`.
+
+        `dt` is the length of a step.
+        """
         # imported here, since importing CasADi is slow and listing scenarios needs no hazards
-        from ..hazard import Saturation, SaturationCollision
+        from ..hazard import CustomHazard, HazardInTime, Saturation, SaturationCollision
         from ..hazard.custom import user_hazard
 
         if not isinstance(self.kind, str) or self.is_custom:
             beside = None if isinstance(self.kind, FunctionName) else folder
-            return user_hazard(self.kind, beside, self.radars, dict(self.parameters))
+            rates = user_hazard(self.kind, beside, self.radars, dict(self.parameters))
+            constant = not isinstance(rates, CustomHazard) or "time" in self.parameters
+            if constant or "time" not in dict(rates.parameters):
+                return rates
+            return HazardInTime(rates, (), dt)
         constants = {key: getattr(self, key) for key in CONSTANTS[self.kind]}
         constants["core_radius"] = core_radius
         hazard = SaturationCollision if self.kind == "saturation+collision" else Saturation
-        return hazard(radars=self.radars, strengths=self.strengths, **constants)
+        if not self.radar:
+            return hazard(radars=self.radars, strengths=self.strengths, **constants)
+        moving = tuple(radar.track for radar in self.radar if radar.changes)
+        still = [radar for radar in self.radar if not radar.changes]
+        radars = *self.radars, *(radar.start for radar in still)
+        own = self.strengths or (1.0,) * len(self.radars)
+        strengths = *own, *(radar.strength for radar in still)
+        if not moving:
+            return hazard(radars=radars, strengths=strengths, **constants)
+        base = hazard(
+            radars=(*radars, *(track.position_at(0.0) for track in moving)),
+            strengths=(*strengths, *(track.strength for track in moving)),
+            **constants,
+        )
+        return HazardInTime(base, moving, dt)
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> HazardTable:
@@ -434,6 +431,11 @@ class HazardTable(Table):
         return self
 
     def _misplaced_keys(self) -> Iterator[str]:
+        if self.radar:
+            yield (
+                "hazard.radar is not a key of a 'module:function' kind; give the function an "
+                "argument time, and write radars at rest as hazard.radars"
+            )
         for key in ("strengths", "core_radius", *ALPHAS, *BETAS):
             if getattr(self, key) is not None:
                 hint = f"hazard.parameters.{key} if your function takes it, else remove it"
@@ -456,7 +458,9 @@ class HazardTable(Table):
                 f"hazard.parameters is not a key of kind '{kind}'; "
                 "remove it, or give the name of your function as the kind"
             )
-        if not k:
+        for index, radar in enumerate(self.radar):
+            yield from radar.problems(f"hazard.radar[{index}]")
+        if not k and not self.radar:
             yield (
                 f"hazard.radars is missing or empty; kind '{kind}' needs [x, y] pairs, at least one"
             )
@@ -503,14 +507,19 @@ def annotated(text: str, model: type[BaseModel]) -> str:
     table, known, missing = "", fields(model), dict[str, FieldInfo]()
     lines: list[str] = []
     for line in text.removesuffix("\n").split("\n"):  # texts may hold other line separators
-        header, key = re.fullmatch(r"\[([\w.]+)\]", line), re.match(r"(\w+) = ", line)
+        header = re.fullmatch(r"\[([\w.]+)\]|\[\[([\w.]+)\]\]", line)
+        key = re.match(r"(\w+) = ", line)
         description: str | None = None
         if header:
-            missing.pop(header[1].removeprefix(f"{table}."), None)
+            name = header[1] or header[2]
+            missing.pop(name.removeprefix(f"{table}."), None)
             lines = _with_optional(lines, table, missing)
-            table, field = header[1], fields(model).get(header[1])
-            known = fields(subtable(field) or model) if field else {}  # others are the user's
+            again, table, field = name == table, name, field_of(name, model)
+            inner = field and (subtable(field) or element_table(field))
+            known = fields(inner) if inner else {}  # others are the user's
             missing, description = dict(known), field.description if field else None
+            if again:  # the keys of the next element of a list of tables
+                known, missing, description = {}, {}, None
         elif key and key[1] in known:
             missing.pop(key[1], None)
             description = known[key[1]].description

@@ -8,7 +8,7 @@ from itertools import takewhile
 from typing import Annotated, Any, NamedTuple, get_args
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
@@ -183,9 +183,16 @@ def _locate(
     for depth, part in enumerate(location):
         if table is None:
             return names, field, location[depth:]
-        names.append(str(part))
-        field = fields(table).get(str(part))
+        if isinstance(part, int):  # an element of a list of tables
+            names[-1] += f"[{part}]"
+            continue
+        name, _, index = part.partition("[")
+        names.append(part)
+        field = fields(table).get(name)
         table = subtable(field) if field else None
+        following = location[depth + 1 : depth + 2]
+        if field and (index or (following and isinstance(following[0], int))):
+            table = element_table(field)
     return names, field, ()
 
 
@@ -197,8 +204,10 @@ def field_of(key: str, model: type[BaseModel]) -> FieldInfo | None:
 
 def unknown_key(key: str, model: type[BaseModel]) -> Problem:
     """Problem of a key that does not exist, with the key that was probably meant."""
-    keys = known_keys(model)
     table, _, leaf = key.rpartition(".")
+    keys = known_keys(model)
+    if "[" in table and (field := field_of(table, model)) and (element := element_table(field)):
+        keys = [f"{table}.{name}" for name in fields(element)]
     siblings = [other for other in keys if other.rpartition(".")[0] == table]
     namesakes = [other for other in keys if other.rpartition(".")[2] == leaf]
     meant = (
@@ -236,6 +245,12 @@ def fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
 def subtable(field: FieldInfo) -> type[BaseModel] | None:
     """Model of a field that is a table, else None."""
     kind = field.annotation
+    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+
+
+def element_table(field: FieldInfo) -> type[BaseModel] | None:
+    """Model of the elements of a field that is a list of tables, else None."""
+    kind = next(iter(get_args(field.annotation)), None)
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
 
 
@@ -279,3 +294,43 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
     table.pop(leaf, None)
     if value is not None:
         table[leaf] = value
+
+
+# --- tables
+
+
+_PYDANTIC = frozenset(dir(BaseModel))
+
+
+class Table(BaseModel):
+    """Base of the tables: immutable, without unknown keys, with errors in plain words."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**to_plain(values))
+        except (ValidationError, RecursionError) as error:
+            headline = f"invalid {type(self).__name__}"
+            raise scenario_error(headline, problems_of(error, type(self))) from None
+
+    def __dir__(self) -> list[str]:
+        """Names of the table's own: pydantic's, most of them deprecated, are not listed."""
+        return [name for name in super().__dir__() if name[0] == "_" or name not in _PYDANTIC]
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name.startswith("_"):
+            super().__setattr__(name, value)
+            return
+        table = type(self).__name__.removesuffix("Options").removesuffix("Table").lower()
+        key = name if table == "scenario" else f"{table}.{name}"
+        raise ScenarioError(
+            f"scenarios are immutable, so {key} cannot be set; a changed copy is "
+            f"scenario.with_values({{{key!r}: ...}})",
+            key=key,
+            value=value,
+        )
+
+    # Otherwise pydantic would call this constructor for every table inside a scenario, and the
+    # errors would lose the name of the table.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]

@@ -155,7 +155,7 @@ def study_inputs(
     study: str, scenario: Scenario, policies: Sequence[str | Policy], **values: Any
 ) -> dict[str, Any]:
     """Inputs of a study as JSON values, with hashes of the code of the user that it calls."""
-    hazard = scenario.hazard
+    hazard = scenario.hazard.after(1)
     code = {"hazard": hazard.function if isinstance(hazard, CustomHazard) else type(hazard)}
     for policy in policies:
         if not isinstance(policy, str):

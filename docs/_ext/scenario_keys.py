@@ -18,7 +18,7 @@ from sphinx.util.docutils import SphinxDirective
 
 from casswarm.scenario import Scenario, builtin_scenarios, load_scenario
 from casswarm.scenario.sections import CONSTANTS
-from casswarm.scenario.validation import allowed, fields, subtable
+from casswarm.scenario.validation import allowed, element_table, fields, subtable
 
 HEAD = ("Key", "Allowed", "Default", "Meaning")
 
@@ -30,6 +30,11 @@ def tables() -> Iterator[tuple[str, type[BaseModel]]]:
         model = subtable(field)
         if model is not None:
             yield key, model
+            yield from (
+                (f"[{key}.{name}]", element)
+                for name, inner in fields(model).items()
+                if (element := element_table(inner)) is not None
+            )
 
 
 def rows(table: str, model: type[BaseModel]) -> list[tuple[str, str, str, str]]:
@@ -91,7 +96,7 @@ def reference() -> str:
         text = "Keys that precede all tables."
         if name:
             text = (model.__doc__ or "").split("\n\n")[0]
-            optional = not fields(Scenario)[name].is_required()
+            optional = name not in fields(Scenario) or not fields(Scenario)[name].is_required()
             text += " The table is optional." if optional else ""
         title = f"`[{name}]`" if name else "Name and description"
         parts += [f"## {title}", "", text, "", list_table(HEAD, rows(name, model), "14 24 16 46")]

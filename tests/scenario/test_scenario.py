@@ -66,7 +66,7 @@ def test_builtin_scenario_loads_with_description(name: str) -> None:
     assert scenario.name == name
     assert len(scenario.description) > 20
     assert "\n" not in scenario.description
-    rates = scenario.hazard.rates(scenario.positions, np.ones(scenario.n, bool))
+    rates = scenario.hazard.rates(scenario.positions, np.ones(scenario.n, bool), time=0.0)
     assert rates.shape == (scenario.n,)
     assert (rates < 1).all()
 

@@ -15,7 +15,7 @@ from scenario_messages import edited, message
 from casswarm import ScenarioError, load_scenario
 from casswarm.scenario import Scenario, save_scenario
 from casswarm.scenario.scenario_files import MAX_BYTES, MAX_KEY_PARTS
-from casswarm.scenario.validation import fields, subtable
+from casswarm.scenario.validation import element_table, fields, subtable
 
 HERE = Path(__file__).parent
 UNRELATED = ("", "zzzzzz", "a\0b", "no/such/file.toml")
@@ -154,6 +154,8 @@ def test_saved_comments_describe_every_key(name: str, tmp_path: Path) -> None:
     lines = text.splitlines()
     comments = " ".join(line.removeprefix("# ") for line in lines if line.startswith("# "))
     models = [Scenario, *filter(None, map(subtable, fields(Scenario).values()))]
+    inner = [field for model in models for field in fields(model).values()]
+    models += filter(None, map(element_table, inner))
     known = [item for model in models for item in fields(model).items()]
     for key in (line.split(" = ")[0] for line in lines if " = " in line and line[0] != "#"):
         assert any(name == key and str(field.description) in comments for name, field in known), key
