@@ -197,10 +197,10 @@ class _Search:
         best = self._best(self.every)
         some = self._candidates(best)
         for _ in range(_ROUNDS):
-            some = self._grown(some)
-            if some is None:
+            grown = self._grown(some)
+            if grown is None:
                 break
-            some = self._reduced(some)
+            some = self._reduced(grown)
             self._solve([some], self._starts(_MANY, 2))
             if not (proven := self._proven(some)):
                 self._solve_constrained(some)
@@ -261,10 +261,10 @@ class _Search:
 
     def _largest(self, some: BoolArray) -> FloatArray:
         """Largest violation (P,) of a set at every known point."""
-        return self.programs.violations[:, some[self.member]].max(axis=1, initial=0.0)
+        return np.asarray(self.programs.violations[:, some[self.member]].max(axis=1, initial=0.0))
 
     def _best(self, some: BoolArray) -> FloatArray:
-        return self.programs.points[self._largest(some).argmin()]
+        return np.asarray(self.programs.points[self._largest(some).argmin()])
 
     def _feasible(self, some: BoolArray) -> FloatArray | None:
         """A known point that meets a set: of these, one that is violated least elsewhere."""
@@ -272,7 +272,7 @@ class _Search:
         if not meets.size:
             return None
         elsewhere = self._largest(self.every)[meets]
-        return self.programs.points[meets[elsewhere.argmin()]]
+        return np.asarray(self.programs.points[meets[elsewhere.argmin()]])
 
     # --- sets
 
@@ -375,7 +375,7 @@ class _Search:
         variables = tuple(self.named.variables[j] for j in bounds)
         violation = self._violation(x, some)
         text = (
-            f"{self.nlp.name} is infeasible: {', '.join(map(self._described, chosen))} "
+            f"{self.nlp.name} is infeasible: {', '.join(map(self._described, chosen.tolist()))} "
             f"{'contradict each other' if len(chosen) > 1 else 'cannot be met'}. "
             f"The least violation found is {violation:.6g}. "
         )

@@ -108,9 +108,9 @@ class Radar(Table):
         for begin, end in self.active or ():
             if not begin < end:
                 yield f"{key}.active has [{begin:g}, {end:g}]; an interval must end after it begins"
-        for one, other in pairwise(self.active or ()):
-            if other[0] < one[1]:
+        for earlier, later in pairwise(self.active or ()):
+            if later[0] < earlier[1]:
                 yield (
-                    f"{key}.active has {list(other)} after {list(one)}; intervals must be in order "
+                    f"{key}.active has {list(later)} after {list(earlier)}; intervals must be in order "
                     "and must not overlap"
                 )

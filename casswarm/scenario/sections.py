@@ -402,10 +402,9 @@ class HazardTable(Table):
         if not isinstance(self.kind, str) or self.is_custom:
             beside = None if isinstance(self.kind, FunctionName) else folder
             rates = user_hazard(self.kind, beside, self.radars, dict(self.parameters))
-            constant = not isinstance(rates, CustomHazard) or "time" in self.parameters
-            if constant or "time" not in dict(rates.parameters):
+            if not isinstance(rates, CustomHazard) or "time" in self.parameters:
                 return rates
-            return HazardInTime(rates, (), dt)
+            return HazardInTime(rates, (), dt) if "time" in dict(rates.parameters) else rates
         constants = {key: getattr(self, key) for key in CONSTANTS[self.kind]}
         constants["core_radius"] = core_radius
         hazard = SaturationCollision if self.kind == "saturation+collision" else Saturation
