@@ -111,6 +111,6 @@ class Radar(Table):
         for earlier, later in pairwise(self.active or ()):
             if later[0] < earlier[1]:
                 yield (
-                    f"{key}.active has {list(later)} after {list(earlier)}; intervals must be in order "
-                    "and must not overlap"
+                    f"{key}.active has {list(later)} after {list(earlier)}; intervals must be in "
+                    "order and must not overlap"
                 )
