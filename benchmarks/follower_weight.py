@@ -5,9 +5,9 @@ Run with the installed package::
     python benchmarks/follower_weight.py            # 6000 runs each, a few minutes
     python benchmarks/follower_weight.py --quick    # 300 runs each
 
-All weights of a row see the same random numbers, so differences are paired run by run. The policy
-``constrained`` has no such weight; it is shown since the order of both depends on the weight. The
-second table replaces the random displacements of the starts of every formation problem by others.
+All weights of a row see the same random numbers, so differences are paired run by run. The second
+table pairs every weight with the policy ``constrained``, which has no such weight. The third one
+replaces the random displacements of the starts of every formation problem by others.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,7 +31,7 @@ WEIGHTS = (0.0, 0.001, 0.01, 0.1, 1.0)
 
 
 def differences(name: str, search: str, runs: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Success of every weight, and differences to that of the default."""
+    """Success of every weight, and differences of all pairs."""
     scenario = csw.load_scenario(name).with_values({"guide.search": search})
     guide = csw.plan(scenario, certify=False)
     policies = [csw.make_policy("leader", scenario, guide)]
@@ -41,7 +42,7 @@ def differences(name: str, search: str, runs: int) -> tuple[pd.DataFrame, pd.Dat
     ]
     policies.append(csw.make_policy("constrained", scenario, guide))
     study = csw.simulate(scenario, policies, runs=runs, guide=guide)
-    return study.summary, study.paired[study.paired["first"] == "leader"]
+    return study.summary, study.paired
 
 
 @contextmanager
@@ -77,21 +78,31 @@ def changed_runs(name: str, search: str, runs: int, seeds: int = 4) -> list[list
     return rows
 
 
+def difference(row: dict[str, Any]) -> list[str]:
+    """Success of the second policy of a pair minus that of the first, and its interval."""
+    low, high = -row["difference_high"], -row["difference_low"]
+    return [f"{-row['difference']:+.4f}", f"{low:+.4f} to {high:+.4f}"]
+
+
 def main() -> None:
     """Print a row for every scenario and weight, and for all other displacements."""
     options = arguments(__doc__)
-    rows = []
+    to_default: list[list[str]] = []
+    to_constrained: list[list[str]] = []
     for name, search in CASES:
         summary, paired = differences(name, search, 300 if options.quick else 6000)
         found = summary.set_index("policy")["success"]
-        case = f"{name}, {search} guide"
-        rows.append([case, "0.01 (default)", f"{found['leader']:.4f}", "", ""])
+        case, default = f"{name}, {search} guide", f"{found['leader']:.4f}"
+        to_default.append([case, "0.01 (default)", default, "", ""])
         for row in paired.to_dict("records"):
-            low, high = -row["difference_high"], -row["difference_low"]
-            second = row["second"].removeprefix("weight ")
-            success, difference = f"{found[row['second']]:.4f}", f"{-row['difference']:+.4f}"
-            rows.append([case, second, success, difference, f"{low:+.4f} to {high:+.4f}"])
-    print_table(["scenario", "weight", "success", "difference", "95 % interval"], rows)
+            first, second = (row[key].removeprefix("weight ") for key in ("first", "second"))
+            if second == "constrained":
+                to_constrained.append([case, first, *difference(row)])
+            elif first == "leader":
+                to_default.append([case, second, f"{found[row['second']]:.4f}", *difference(row)])
+    head = ["scenario", "weight", "success", "difference", "95 % interval"]
+    print_table(head, to_default)
+    print_table(["scenario", "weight", "constrained - leader", "95 % interval"], to_constrained)
     rows = [row for case in CASES for row in changed_runs(*case, 100 if options.quick else 2000)]
     print_table(["scenario", "seed", "default", "success", "gained", "lost"], rows)
 

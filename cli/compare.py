@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 def comparison_text(comparison: csw.Comparison) -> str:
     """A table for every family and start."""
+    from ..comparison.ranking import rank_note
     from ..comparison.report import interval, milliseconds, percent
 
     texts = []
@@ -60,6 +61,7 @@ def comparison_text(comparison: csw.Comparison) -> str:
             for row in part.to_dict("records")
             if row["false_positives"]
         ]
+        notes += filter(None, [rank_note(part)])
         problems = counted(int(part["problems"].iloc[0]), "problem")
         title = f"{family}, {start} start, {problems}"
         texts.append("\n".join([title, aligned_table(rows), *notes]))

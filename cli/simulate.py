@@ -165,7 +165,7 @@ def _text(study: csw.Study) -> str:
         "",
         aligned_table(summary_texts(study.summary).to_dict("records")),
         *count_notes(study.summary.to_dict("records")),
-        *end_notes(study.runs),
+        *end_notes(study.runs, study.guide, study.scenario.swarm.v_max),
     ]
     if len(study.paired):
         lines += [

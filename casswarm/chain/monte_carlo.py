@@ -194,6 +194,7 @@ class Runs:
     arrival: IntArray  # (R,) step of the first arrival of a living member, -1 where there is none
     survivors: IntArray  # (R,) members alive at the end of the run
     steps: IntArray  # (R,) length of the run
+    distance: FloatArray  # (R,) of the nearest living member from the target zone at the end, or NaN
     counts: dict[str, IntArray]  # (R,) sums of the counts of `COUNTS` over the steps of the run
     states: int  # number of distinct states in which the policy was evaluated
     seconds: float  # time that the computation took
@@ -207,7 +208,7 @@ class Runs:
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Named arrays from which `from_arrays` restores the runs."""
         arrays = {name: np.array(getattr(self, name)) for name in ("first", "states", "seconds")}
-        arrays |= {name: getattr(self, name) for name in _RUN_ARRAYS} | self.counts
+        arrays |= {name: getattr(self, name) for name in (*_RUN_ARRAYS, "distance")} | self.counts
         for k, trajectory in enumerate(self.trajectories):
             arrays |= {f"{name}-{k}": getattr(trajectory, name) for name in _TRAJECTORY_ARRAYS}
         return arrays
@@ -223,8 +224,11 @@ class Runs:
         """
         number = sum(name.startswith("positions-") for name in arrays)
         _require_per_run([arrays[name] for name in (*_RUN_ARRAYS, *COUNTS)])
+        if arrays["distance"].shape != arrays["arrival"].shape:
+            raise ValueError("the arrays do not have a distance for every run")
         return cls(
             first=int(arrays["first"]),
+            distance=arrays["distance"].astype(float),
             counts={name: arrays[name] for name in COUNTS},
             states=int(arrays["states"]),
             seconds=float(arrays["seconds"]),
@@ -307,6 +311,14 @@ class Chain:
         return _RunBatch(states, np.stack([np.arange(len(states)), steps])).finish(self, policy)
 
 
+def _outside(scenario: Scenario, positions: FloatArray, alive: BoolArray) -> FloatArray:
+    """Distances (S,) of the nearest living members from the target zone; NaN where none lives."""
+    target = scenario.target
+    outside = np.where(alive, np.maximum(target.distances(positions) - target.radius, 0.0), np.inf)
+    nearest = outside.min(axis=1)
+    return np.where(np.isfinite(nearest), nearest, np.nan)
+
+
 class _RunBatch:
     """Runs that advance together, each from a row of `initial` and a step: `starts` (2, R)."""
 
@@ -319,6 +331,7 @@ class _RunBatch:
         self.steps = self.starts.copy()
         self.arrival: IntArray = np.full(len(self.rows), -1)
         self.survivors = initial.alive.sum(axis=1)[self.rows]
+        self.distance = np.full(len(self.rows), np.nan)
         self.counts = {name: np.zeros(len(self.rows), np.int64) for name in COUNTS}
         self.solved = 0
         self.recorder = TrajectoryRecorder(initial[self.rows[:save_trajectories]])
@@ -341,6 +354,7 @@ class _RunBatch:
             arrival=self.arrival,
             survivors=self.survivors,
             steps=self.steps,
+            distance=self.distance,
             counts=self.counts,
             states=self.solved,
             seconds=time.perf_counter() - self.started,
@@ -381,6 +395,9 @@ class _RunBatch:
         self.steps[active] = step + 1
         self.survivors[active] = alive.sum(axis=1)[child]
         self.arrival[active[arrived[child]]] = step + 1
+        if step + 1 == chain.scenario.n_steps:
+            self.distance[active] = _outside(chain.scenario, move.positions[parent], alive)[child]
+        self.distance[active[arrived[child]]] = 0.0
         runs_on = alive.any(axis=1) & ~arrived
         self.running[active] = runs_on[child]
         self.row[active] = (np.cumsum(runs_on) - 1)[child]

@@ -28,6 +28,7 @@ from .._util.figure_style import (
     wrap,
 )
 from ..typing import FloatArray
+from .ranking import rank_note
 
 _COLORS = (*MEMBERS, INK, GREY)
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (7, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
@@ -336,7 +337,8 @@ def ranking_chart(ranking: pd.DataFrame, title: str = "", order: Sequence[str] =
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 1e3 * low else (1,)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_xlabel("mean solve time in ms, with 95 % interval")
+    label, note = "mean solve time in ms, with 95 % interval", rank_note(ranking)
+    axes.set_xlabel(f"{label}\n{note}" if note else label)
     despine(axes, "x")
     return fig
 

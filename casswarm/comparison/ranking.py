@@ -64,6 +64,12 @@ With fewer, 95 % intervals of mean times cover less than 90 % in simulations of 
 on 30 % of the problems: often it solves all that are there.
 """
 
+ENOUGH = 30
+"""Number of independent problems below which stated probabilities of ranks are too large.
+
+Where failures are rare, they are larger than the fraction that is right, in simulations
+(``benchmarks/rank_calibration.py``)."""
+
 PENALTY = 10.0
 """Factor of the time limit at which failures count in one of the variants."""
 
@@ -83,10 +89,21 @@ def ranking(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
     DataFrame
         Columns: family, start, solver; mean_ms, and mean_ms_low and mean_ms_high, its 95 %
         interval; rank; probability, of this rank; rank_low and rank_high, the ranks between which
-        the solver is with 95 %. Intervals and probabilities are NaN where there are fewer than
-        `FEWEST` independent problems.
+        the solver is with 95 %; independent, the number of independent problems. Intervals and
+        probabilities are NaN where there are fewer than `FEWEST` of these; below `ENOUGH`, the
+        probabilities are overconfident: see `rank_note`.
     """
     return _by_criterion(table, time_limit, 1).drop(columns="criterion")
+
+
+def rank_note(ranked: pd.DataFrame) -> str:
+    """What to know of the probabilities in ranks of one family and start; empty if nothing."""
+    few = np.min(ranked.get("independent", ENOUGH)) < ENOUGH
+    if not few or ranked["probability"].isna().all():
+        return ""
+    return (
+        f"fewer than {ENOUGH} problems: probabilities of ranks are overconfident (STATED)"
+    )
 
 
 def rank_solvers(
@@ -137,6 +154,7 @@ def rank_solvers(
             "probability": probability,
             "rank_low": rank_low,
             "rank_high": rank_high,
+            "independent": len(logs),
         }
     )
     return ranked.sort_values("rank", kind="stable", ignore_index=True)

@@ -26,7 +26,7 @@ from .profiles import (
     performance_profile,
     quality_profile,
 )
-from .ranking import FEWEST, sampling_units, sensitivity
+from .ranking import FEWEST, rank_note, sampling_units, sensitivity
 from .result import Comparison, saved_tables, typical_problem
 from .run import MAX_SOLVES
 from .verification import (
@@ -208,7 +208,9 @@ def _answer(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> str:
         text += ". So few independent problems say nothing about others."
     else:
         sure = percent(first["probability"])
-        text += f". It has the first rank in {sure} of the bootstrap samples of the problems."
+        text += f". It has the first rank in {sure} of the bootstrap samples of the problems"
+        note = rank_note(_of_group(tables["ranking"], family, start))
+        text += f" ({note})." if note else "."
     solved = _of_group(tables["summary"], family, start).set_index("solver")["solved"]
     best = ", ".join(solved.index[solved == solved.max()])
     return f"{text} Most often solved, {percent(solved.max())}: {best}."
@@ -234,6 +236,7 @@ def _group(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> dict[
         "tag": tag(family, start),
         "fastest": part["solver"].iloc[0],
         "pairs": len(part) > 2,
+        "rank_note": rank_note(ranking),
         "headline": "Most often at the best known objective: "
         f"{best['solver']}, {percent(best['best_known'])}.",
         "table": pd.DataFrame(

@@ -124,8 +124,14 @@ def path_limits(step: Step) -> Limits:
 
 
 def path_targets(step: Step) -> FloatArray:
-    """The goals (H, 2) as displacements of every member, (B, n, H, 2)."""
-    return np.asarray((step.goals - step.positions[:, :, None]) / step.motion.dt)
+    """The goals as displacements of every member, (B, n, H, 2)."""
+    goals = _goals(step)[:, None]
+    return np.asarray((goals - step.positions[:, :, None]) / step.motion.dt)
+
+
+def _goals(step: Step) -> FloatArray:
+    """The goals (1, H, 2) for all states, or (B, H, 2) for each."""
+    return step.goals[None] if step.goals.ndim == 2 else step.goals.transpose(1, 0, 2)
 
 
 def _first_sets(step: Step, plan: _Plan) -> PlanarSets:
@@ -162,14 +168,14 @@ def _formation(step: Step, plan: _Plan) -> Formation:
         "previous_velocities": step.previous_velocities,
         "alive": step.alive[..., None].astype(float),
         "weights": plan.weights[..., None],
-        "goal": step.goals[None, :1],
+        "goal": _goals(step)[:, :1],
         "dt": np.array([[motion.dt]]),
         "v_max": np.array([[motion.v_max]]),
     }
     change = motion.a_max / motion.v_max**2
     blocks: dict[str, FloatArray] = {"acceleration": np.full((batch, horizon, n, 1), change)}
     if horizon > 1:
-        parameters["later"] = step.goals[None, 1:]
+        parameters["later"] = _goals(step)[:, 1:]
         blocks["speed"] = np.ones((batch, horizon - 1, n, 2))
     if corridor:
         blocks["corridor"] = (plan.radii.transpose(0, 2, 1)[..., None] / motion.v_max) ** 2

@@ -17,7 +17,7 @@ from __future__ import annotations
 import logging
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, ClassVar, TypeGuard
 
@@ -41,6 +41,7 @@ from ..solvers import Solver
 from ..solvers.base import VIOLATION
 from ..typing import BoolArray, FloatArray
 from .base import SOLVER_TOL, Decision, Policy
+from .waiting import waiting_goals
 
 LOG = logging.getLogger(__name__)
 
@@ -69,6 +70,9 @@ class FormationPolicy(Policy):
         Of the formation problems.
     horizon : int
         Number of steps H, from 1.
+    max_wait : int
+        Number of steps by which the guide waits at most for the member that it leads; see
+        `casswarm.policies.waiting`.
     """
 
     hazard: Hazard
@@ -76,6 +80,7 @@ class FormationPolicy(Policy):
     guide: Guide
     solver: Solver
     horizon: int = 1
+    max_wait: int = field(default=0, kw_only=True)
     decision_tol: ClassVar[float] = SOLVER_TOL
 
     @override
@@ -96,7 +101,16 @@ class FormationPolicy(Policy):
         hazard = self.hazard.after(step + 1)
         if horizon > 1:
             require_at_rest(self.hazard, "a formation over several steps (horizon)")
-        return Step(hazard, self.motion, positions, previous_velocities, alive, goals)
+        data = Step(hazard, self.motion, positions, previous_velocities, alive, goals)
+        if self.max_wait == 0:
+            return data
+        led = positions[np.arange(len(alive)), self._led(data, self.guide.reference(step))]
+        goals = waiting_goals(self.guide, self.motion, step, led, self.max_wait, horizon)
+        return replace(data, goals=goals)
+
+    def _led(self, data: Step, reference: FloatArray) -> NDArray[np.intp]:
+        """Indices (B,) of the members for which the guide waits."""
+        return LEADER_SELECTION["nearest"](data, reference)
 
     @abstractmethod
     def _task(self, data: Step, reference: FloatArray) -> FormationTask:
@@ -130,14 +144,18 @@ class LeaderPolicy(FormationPolicy):
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
     ) -> NDArray[np.integer[Any]]:
         data = self._data(step, positions, previous_velocities, alive)
-        return LEADER_SELECTION[self.leader_selection](data, self.guide.reference(step))
+        return self._led(data, self.guide.reference(step))
+
+    @override
+    def _led(self, data: Step, reference: FloatArray) -> NDArray[np.intp]:
+        return LEADER_SELECTION[self.leader_selection](data, reference)
 
     def _task(self, data: Step, reference: FloatArray) -> FormationTask:
-        leaders = LEADER_SELECTION[self.leader_selection](data, reference)
+        leaders = self._led(data, reference)
         return FormationTask(data, leaders, follower_weight=self.follower_weight)
 
     def _mpc_formation(self, data: Step, reference: FloatArray) -> Formation:
-        leaders = LEADER_SELECTION[self.leader_selection](data, reference)
+        leaders = self._led(data, reference)
         return leader_mpc_formation(data, leaders, self.follower_weight)
 
 

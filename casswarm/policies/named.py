@@ -53,7 +53,7 @@ def make_policy(
     guide: Guide | None = None,
     solver: str | Solver = "auto",
     *,
-    leader_selection: LeaderSelection = "nearest",
+    leader_selection: LeaderSelection | None = None,
     horizon: int = 1,
     solver_options: Mapping[str, Any] | None = None,
 ) -> Policy:
@@ -74,8 +74,9 @@ def make_policy(
         Solver of the formation problems: a name of `casswarm.solvers.SOLVERS`, by
         default ``"auto"``. With ``"projected-gradient"`` a guide that is not given is planned by
         the paper's method, too; the guides of naive members are by the method of the guide.
-    leader_selection : {"nearest", "first", "safest"}
-        Rule that selects the leader, for ``"leader"``.
+    leader_selection : {"nearest", "first", "safest"}, optional
+        Rule that selects the leader, for ``"leader"``; by default the scenario's,
+        ``formation.leader_selection``.
     horizon : int
         Number of steps over which ``"leader"`` and ``"constrained"`` optimise; with 1 they are the
         paper's policies.
@@ -104,6 +105,8 @@ def make_policy(
     """
     name, scenario = _in_order(name, scenario)
     kind, horizon = _parsed(name, horizon)
+    if leader_selection is None:
+        leader_selection = scenario.formation.leader_selection
     _require_known("leader_selection", leader_selection, LEADER_SELECTION)
     backend = papers_solver(scenario, solver, scenario.formation, solver_options, start="zero")
     target, dt = scenario.target.center, scenario.time.dt
@@ -143,10 +146,12 @@ def make_policy(
         return ReplanningPolicy(PlanTree(scenario, swarm_plan), open_loop)
     full_name = kind if horizon == 1 else f"{kind}-mpc-{horizon}"
     shared = (scenario.hazard, motion, guide, backend, horizon)
+    spare = max(0, scenario.n_steps - guide.arrival)
+    wait = min(spare, scenario.time.steps_within(scenario.guide.max_wait))
     if kind == "leader":
         weight = scenario.formation.follower_weight
-        return LeaderPolicy(*shared, leader_selection, full_name, weight)
-    return ConstrainedPolicy(*shared, rho, full_name)
+        return LeaderPolicy(*shared, leader_selection, full_name, weight, max_wait=wait)
+    return ConstrainedPolicy(*shared, rho, full_name, max_wait=wait)
 
 
 def _in_order(first: Any, second: Any) -> tuple[str, Scenario]:

@@ -24,6 +24,7 @@ from pydantic.fields import FieldInfo
 
 from .._util.text import counted, suggestion
 from ..errors import ScenarioError
+from ..typing import LeaderSelection
 from .radars import MOST_RADARS, Radar
 from .validation import (
     LARGEST,
@@ -113,7 +114,11 @@ class Time(Table):
     @property
     def steps(self) -> int:
         """Number of whole steps until t_f, floor(t_f / dt) but for the rounding of both."""
-        return math.floor(self.t_f / self.dt * (1 + _STEP_TOLERANCE))
+        return self.steps_within(self.t_f)
+
+    def steps_within(self, duration: float) -> int:
+        """Number of whole steps within a duration, but for the rounding of both."""
+        return math.floor(duration / self.dt * (1 + _STEP_TOLERANCE))
 
 
 class GuideOptions(Table):
@@ -149,6 +154,12 @@ class GuideOptions(Table):
         "so that members that follow the guide in its corridor arrive too; for a single member "
         "1e-6 radius.",
     )
+    max_wait: NotNegative = Field(
+        0.0,
+        description="Time by which the guide waits at most for a leader that has fallen behind, in "
+        "units of time, and no more than it has left until t_f; 0 gives the paper's version, whose "
+        "guide flies ahead.",
+    )
     gamma: Positive = Field(
         10.0,
         description="Weight of the distance to the target in the paper's penalised form, per unit "
@@ -175,6 +186,11 @@ class FormationOptions(Table):
     )
     iterations: Count = Field(
         2000, description="Iterations of the paper's projected gradient for the formation."
+    )
+    leader_selection: Annotated[LeaderSelection, Allowed("'nearest', 'first' or 'safest'")] = Field(
+        "nearest",
+        description="Which living member leads in leader protection: the one 'nearest' to the "
+        "guide's present point, the 'first' by index, or the 'safest', of the lowest rate.",
     )
     follower_weight: NotNegative = Field(
         0.01,

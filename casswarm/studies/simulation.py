@@ -144,7 +144,8 @@ class Study(Displayed):
         `casswarm.studies.tables.paired_table`.
     runs : DataFrame
         A row per run: policy, run, success, survivors, arrival_step (missing if no member
-        arrived), steps, infeasible, solver_failures, fallbacks, saturated.
+        arrived), steps, distance (of the nearest living member from the target zone at the end;
+        missing if none lives), infeasible, solver_failures, fallbacks, saturated.
     effort : DataFrame
         A row per policy: number of distinct states in which it was evaluated, seconds. Not
         reproducible.

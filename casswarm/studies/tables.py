@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
@@ -152,6 +153,7 @@ def run_table(name: str, part: Runs) -> pd.DataFrame:
             "survivors": part.survivors,
             "arrival_step": arrival,
             "steps": part.steps,
+            "distance": part.distance,
         }
         | part.counts
     )
@@ -262,22 +264,39 @@ def count_notes(rows: Iterable[Mapping[Any, Any]], unit: str = "") -> list[str]:
     return notes
 
 
-def end_notes(runs: pd.DataFrame) -> list[str]:
+_FOLLOWS_GUIDE = re.compile(r"(leader|constrained)(-mpc-\d+)?")
+_FULL_SPEED = 1 - 1e-6  # of v_max
+
+
+def end_notes(runs: pd.DataFrame, guide: Guide, v_max: float) -> list[str]:
     """Notes on runs that end alive outside the target: a line per policy that has any.
 
     Parameters
     ----------
     runs : DataFrame
         A row per run, as of `Study.runs`.
+    guide : Guide
+        That `leader` and `constrained` follow.
+    v_max : float
+        Bound on each component of the members' velocities.
     """
     notes = []
+    fast = int((np.abs(guide.velocities).max(axis=1, initial=0.0) >= _FULL_SPEED * v_max).sum())
     left = runs[~runs["success"].astype(bool) & (runs["survivors"] > 0)]
     for name, table in left.groupby("policy", sort=False):
         total, alive = (runs["policy"] == name).sum(), table["survivors"].mean()
-        notes.append(
+        nearest = table["distance"].min()
+        note = (
             f"{name}: {counted(len(table), 'run')} of {total} end at step {table['steps'].max()} "
-            f"with living members outside the target ({alive:.1f} on average)"
+            f"with living members outside the target, the nearest {nearest:.2g} away "
+            f"({alive:.1f} alive on average)"
         )
+        if _FOLLOWS_GUIDE.fullmatch(str(name)) and 2 * fast > guide.arrival:
+            note += (
+                f"; a leader that falls behind cannot catch up: the guide flies at v_max in {fast} "
+                f"of its {guide.arrival} steps (guide.max_wait lets it wait)"
+            )
+        notes.append(note)
     return notes
 
 

@@ -124,6 +124,19 @@ def test_published_comparison_without_traits_is_reported() -> None:
     text = make_report(published).markdown()
     assert "45 problems, 9 solvers, 810 runs" in text
     assert "| guides | 9 |  |  | paths of a single agent" in text
+    assert "overconfident" not in text  # 36 formations, and guides without probabilities
+
+
+@pytest.mark.parametrize(("problems", "noted"), [(29, True), (30, False)])
+def test_report_says_below_thirty_problems_that_probabilities_are_overconfident(
+    problems: int, noted: bool
+) -> None:
+    published = Comparison.load(Path(__file__).parents[2] / "results" / "comparison" / "first")
+    formations = published.runs[published.runs["family"] == "formations"]
+    some = formations["problem"].isin(formations["problem"].unique()[:problems])
+    text = make_report(replace(published, runs=formations[some])).markdown()
+    assert ("Fewer than 30 problems: probabilities of ranks are overconfident" in text) == noted
+    assert ("of the problems (fewer than 30 problems: prob" in text) == noted
 
 
 def test_load_refuses_what_is_no_comparison(tmp_path: Path) -> None:

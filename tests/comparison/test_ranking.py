@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 from solver_runs import run
 
+from casswarm.cli.compare import comparison_text
 from casswarm.comparison import (
     Tolerances,
     costs,
@@ -20,8 +23,9 @@ from casswarm.comparison import (
     verify,
 )
 from casswarm.comparison.profiles import quality_profile
-from casswarm.comparison.ranking import ranking, sampling_units, sensitivity, strata
+from casswarm.comparison.ranking import rank_note, ranking, sampling_units, sensitivity, strata
 from casswarm.comparison.verification import by_solver
+from casswarm.figures import ranking_chart
 
 INF = np.inf
 NAMES = [f"p{k}" for k in range(12)]
@@ -232,3 +236,27 @@ def test_quality_profile_equals_hand_calculation() -> None:
     assert profile.index.tolist() == [1, 2, 4]
     assert profile["a"].tolist() == [0.5, 0.5, 0.75]
     assert profile["b"].tolist() == [0, 0.4, 0.4]
+
+
+# --- what probabilities of ranks are
+
+
+@pytest.mark.parametrize(("problems", "noted"), [(7, False), (8, True), (29, True), (30, False)])
+def test_probabilities_of_ranks_are_noted_as_overconfident_below_thirty_problems(
+    problems: int, noted: bool
+) -> None:
+    rows = [
+        run(f"p{k}", solver, copy=copy, solve_seconds=seconds)
+        for k in range(problems)
+        for copy in range(2)  # of the same problem, which do not count
+        for solver, seconds in (("quick", 0.1), ("slow", 0.2 + 0.01 * k))
+    ]
+    verified = verify(pd.DataFrame(rows), Tolerances())
+    ranked = ranking(verified, 2.0)
+    assert ranked["independent"].tolist() == [problems] * 2
+    note = rank_note(ranked)
+    assert ("fewer than 30 problems: probabilities of ranks are overconfident" in note) == noted
+    shown = SimpleNamespace(ranking=ranked, summary=summary(verified, 2.0))
+    label = ranking_chart(ranked).axes[0].get_xlabel()
+    for text in (comparison_text(shown), label):  # type: ignore[arg-type]
+        assert ("overconfident" in text) == noted

@@ -78,6 +78,14 @@ def test_leader_with_horizon_keeps_leader_selection() -> None:
     assert policy.leader_selection == "first"
 
 
+def test_leader_selection_is_the_scenarios_unless_it_is_given() -> None:
+    scenario = csw.load_scenario("paper-1").replace(formation={"leader_selection": "safest"})
+    guide = csw.plan(scenario, certify=False)
+    made = [csw.make_policy("leader-mpc-2", scenario, guide)]
+    made.append(csw.make_policy("leader", scenario, guide, leader_selection="nearest"))
+    assert [policy.leader_selection for policy in made] == ["safest", "nearest"]  # type: ignore[attr-defined]
+
+
 @pytest.mark.slow
 def test_commands_accept_horizons_and_feedback(tmp_path: Path) -> None:
     feedback = ["leader-feedback", "constrained-feedback"]

@@ -61,7 +61,7 @@ REFUSED: dict[str, tuple[bytes, *tuple[str, ...]]] = {
     "unrelated key": (
         edited(("rho", "zzz = 1\nrho")),
         "unknown key 'formation.zzz'; the keys of [formation] are rho, learning_rate, iterations, "
-        "follower_weight",
+        "leader_selection, follower_weight",
     ),
     "unknown table": (
         edited(("[swarm]", "[swarms]")),

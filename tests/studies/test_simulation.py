@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import warnings
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -283,12 +284,36 @@ def test_simulate_plans_without_certificate_and_keeps_the_one_of_a_given_guide()
 def test_notes_count_runs_that_end_alive_outside_the_target() -> None:
     runs = simulate(scenario(), [stay, straight_on], runs=40, guide=guide()).runs
     left = runs[(runs["policy"] == "stay") & (runs["survivors"] > 0)]
-    (note,) = end_notes(runs)
+    (note,) = end_notes(runs, guide(), scenario().swarm.v_max)
     assert len(left) > 0
     assert note == (
         f"stay: {len(left)} runs of 40 end at step {scenario().n_steps} with living members "
-        f"outside the target ({left['survivors'].mean():.1f} on average)"
+        f"outside the target, the nearest {left['distance'].min():.2g} away "
+        f"({left['survivors'].mean():.1f} alive on average)"
     )
+
+
+def test_distance_of_runs_is_that_of_their_nearest_living_member_from_the_target() -> None:
+    found = simulate(scenario(), [stay, "leader"], 40, guide=guide(), save_trajectories=40)
+    for name, trajectories in found.trajectories.items():
+        rows = of(found.runs, name)
+        for row, trajectory in zip(rows.to_dict("records"), trajectories, strict=True):
+            living = trajectory.positions[-1][trajectory.alive[-1]]
+            outside = np.hypot(*(living - scenario().target.center).T) - scenario().target.radius
+            expected = max(outside.min(), 0.0) if len(living) else math.nan
+            np.testing.assert_allclose(row["distance"], expected, atol=1e-12)
+        assert (rows["distance"][rows["success"]] == 0).all()
+
+
+@pytest.mark.parametrize(("speed", "told"), [(1.0, True), (0.9, False)])
+def test_note_says_that_a_leader_cannot_catch_up_with_a_guide_at_full_speed(
+    speed: float, told: bool
+) -> None:
+    fast = np.full_like(guide().velocities, speed * scenario().swarm.v_max)
+    runs = simulate(scenario(), [stay], 40, guide=guide()).runs.assign(policy="leader")
+    (note,) = end_notes(runs, replace(guide(), velocities=fast), scenario().swarm.v_max)
+    assert ("cannot catch up: the guide flies at v_max in" in note) == told
+    assert ("guide.max_wait" in note) == told
 
 
 @pytest.mark.parametrize("call", [pytest.param(simulate, marks=pytest.mark.slow), evaluate])
