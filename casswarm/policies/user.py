@@ -112,8 +112,12 @@ class _RepeatedPolicy(_WrappedPolicy):
 
 
 def repeated(policy: Policy) -> Policy:
-    """The policy if it is casswarm's own, else one whose answers are required to be repeatable."""
+    """The policy if its code is casswarm's own, else one that must repeat its answers.
+
+    Functions that PyTorch evaluates may have memory; those of CasADi and JAX are traced once.
+    """
     users = not is_own(policy) or isinstance(policy, UserPolicy | _LimitedPolicy)
+    users = users or getattr(policy, "framework", None) == "torch"
     return _RepeatedPolicy(policy, policy.name) if users else policy
 
 

@@ -425,7 +425,7 @@ def success_gradient(
         policy = policy.with_parameters(parameters)
     posed = PosedStudy.of(scenario, [policy], guide)
     options = replace(options, lattice=posed.lattice(aggregation_tol))
-    expansion = StateSpaceExpansion(scenario, policy, posed.velocities, options)
+    expansion = StateSpaceExpansion(scenario, repeated(policy), posed.velocities, options)
     objective, low, gradient, residual = success_and_gradient(expansion, policy, arrival_smoothing)
     found = SuccessGradient(
         success=Interval(low, min(1.0, low + residual)),

@@ -127,6 +127,7 @@ def test_published_comparison_without_traits_is_reported() -> None:
     assert "overconfident" not in text  # 36 formations, and guides without probabilities
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("problems", "noted"), [(29, True), (30, False)])
 def test_report_says_below_thirty_problems_that_probabilities_are_overconfident(
     problems: int, noted: bool

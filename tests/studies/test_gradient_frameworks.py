@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import cloudpickle
 import numpy as np
 import pytest
@@ -160,3 +162,17 @@ def test_jax_function_is_traced_for_few_sizes_and_once_for_all_steps():
             policy.with_parameters([step]).velocities(step, *states(batch, 1))
     assert len(traced) == 5  # 1, 2, 4, 8 and 16 states
     assert jnp.ones(1).dtype == "float32"  # elsewhere
+
+
+@pytest.mark.slow
+def test_policy_with_memory_is_refused_by_every_study():
+    torch, calls = pytest.importorskip("torch"), count()
+
+    def remembering(step, positions, previous_velocities, alive, parameters):  # noqa: ARG001
+        return parameters * positions + 0.1 * next(calls)
+
+    policy = csw.ParametricPolicy(remembering, [-0.1], scene(), framework="torch")
+    for study in (csw.success_gradient, csw.evaluate, csw.simulate):
+        with pytest.raises(PolicyCallError, match="answers the same state differently at step"):
+            study(scene(), policy)
+    assert torch.is_grad_enabled()

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,18 @@ def test_sweep_point_that_fails_has_reason() -> None:
     assert "formation.rho is -1" in found.table["reason"][1]
     assert np.isnan(found.table["success"][1])
     assert found.failures == 1
+
+
+@pytest.mark.parametrize("options", [{"runs": 5}, {"tolerance": 0.1}])
+def test_sweep_of_a_policy_with_memory_has_its_reason(options: dict[str, Any]) -> None:
+    calls = count()
+
+    def remembering(_step: int, positions: Any, *_: Any) -> Any:
+        return 0.01 * positions + 0.1 * next(calls)
+
+    found = csw.sweep(SMALL, {"n": [2]}, remembering, **options)
+    assert found.table["status"].tolist() == ["failed"]
+    assert "'remembering' answers the same state differently" in found.table["reason"][0]
 
 
 def test_sweep_over_n_and_spacing_places_members() -> None:
