@@ -1,4 +1,4 @@
-"""What a guide that waits (``guide.max_wait``) changes in leader protection and constrained trajectory.
+"""What a guide that waits (``guide.max_wait``) changes in both policies that follow it.
 
 Run with the installed package::
 

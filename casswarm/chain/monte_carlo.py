@@ -194,7 +194,7 @@ class Runs:
     arrival: IntArray  # (R,) step of the first arrival of a living member, -1 where there is none
     survivors: IntArray  # (R,) members alive at the end of the run
     steps: IntArray  # (R,) length of the run
-    distance: FloatArray  # (R,) of the nearest living member from the target zone at the end, or NaN
+    distance: FloatArray  # (R,) of the nearest living member from the target zone, or NaN
     counts: dict[str, IntArray]  # (R,) sums of the counts of `COUNTS` over the steps of the run
     states: int  # number of distinct states in which the policy was evaluated
     seconds: float  # time that the computation took

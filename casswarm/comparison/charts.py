@@ -338,7 +338,7 @@ def ranking_chart(ranking: pd.DataFrame, title: str = "", order: Sequence[str] =
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
     label, note = "mean solve time in ms, with 95 % interval", rank_note(ranking)
-    axes.set_xlabel(f"{label}\n{note}" if note else label)
+    axes.set_xlabel(f"{label}\n{wrap(note, 0.8)}" if note else label)
     despine(axes, "x")
     return fig
 

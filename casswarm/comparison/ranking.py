@@ -4,8 +4,9 @@ The score of a solver is its shifted geometric mean solve time, in which failure
 limit. The problems are resampled, with all copies of a problem together (see
 `casswarm.comparison.profiles`), and the probability of a rank is the fraction of resamples in
 which the solver has it. It says how stable the order of the solvers is for problems of this kind;
-it knows nothing of other problems, machines or options. Below 30 problems, and where failures are
-rare, it is larger than the probability that the rank is right (``docs/solver-comparison.md``).
+it knows nothing of other problems, machines or options. Below 30 problems, and with more where
+solvers fail on some, it is larger than the probability that the rank is right
+(``docs/solver-comparison.md``).
 
 Problems are independent, and all of one kind, unless their family says more: see
 `casswarm.comparison.families.Family`.
@@ -65,10 +66,9 @@ on 30 % of the problems: often it solves all that are there.
 """
 
 ENOUGH = 30
-"""Number of independent problems below which stated probabilities of ranks are too large.
+"""Number of independent problems below which probabilities of ranks are said to be overconfident.
 
-Where failures are rare, they are larger than the fraction that is right, in simulations
-(``benchmarks/rank_calibration.py``)."""
+Simulations are in ``benchmarks/rank_calibration.py``."""
 
 PENALTY = 10.0
 """Factor of the time limit at which failures count in one of the variants."""
@@ -102,7 +102,8 @@ def rank_note(ranked: pd.DataFrame) -> str:
     if not few or ranked["probability"].isna().all():
         return ""
     return (
-        f"fewer than {ENOUGH} problems: probabilities of ranks are overconfident (STATED)"
+        f"fewer than {ENOUGH} problems: probabilities of ranks are overconfident (0.94 was right "
+        "in 73 to 93 % of simulated comparisons)"
     )
 
 
