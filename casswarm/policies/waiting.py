@@ -57,7 +57,7 @@ def _farthest_within(path: FloatArray, positions: FloatArray, reach: float) -> F
     segments = len(ways) - 1 - np.argmin(distances[:, ::-1], axis=1)  # the last one among equals
     rows = np.arange(len(positions))
     found = within[rows, segments]
-    return segments + np.where(found, last[rows, segments], nearest[rows, segments])
+    return np.asarray(segments + np.where(found, last[rows, segments], nearest[rows, segments]))
 
 
 def _along(path: FloatArray, parameters: FloatArray) -> FloatArray:
