@@ -285,17 +285,19 @@ def end_notes(runs: pd.DataFrame, guide: Guide, v_max: float) -> list[str]:
     left = runs[~runs["success"].astype(bool) & (runs["survivors"] > 0)]
     for name, table in left.groupby("policy", sort=False):
         total, alive = (runs["policy"] == name).sum(), table["survivors"].mean()
-        nearest = table["distance"].min()
+        last, nearest = table["steps"].max(), table["distance"].min()
+        verb = "ends" if len(table) == 1 else "end"
         note = (
-            f"{name}: {counted(len(table), 'run')} of {total} end at step {table['steps'].max()} "
+            f"{name}: {counted(len(table), 'run')} of {total} {verb} at step {last} "
             f"with living members outside the target, the nearest {nearest:.2g} away "
             f"({alive:.1f} alive on average)"
         )
         if _FOLLOWS_GUIDE.fullmatch(str(name)) and 2 * fast > guide.arrival:
             note += (
-                f"; a leader that falls behind cannot catch up: the guide flies at v_max in {fast} "
-                f"of its {guide.arrival} steps (guide.max_wait lets it wait)"
+                "; a leader that falls behind cannot catch up: the guide flies at v_max in "
+                f"{fast} of its {guide.arrival} steps"
             )
+            note += " (guide.max_wait lets it wait)" if guide.arrival < last else ""
         notes.append(note)
     return notes
 

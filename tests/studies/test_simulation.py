@@ -305,15 +305,18 @@ def test_distance_of_runs_is_that_of_their_nearest_living_member_from_the_target
         assert (rows["distance"][rows["success"]] == 0).all()
 
 
-@pytest.mark.parametrize(("speed", "told"), [(1.0, True), (0.9, False)])
+@pytest.mark.parametrize(
+    ("speed", "spare", "told"), [(1.0, 2, True), (1.0, 0, True), (0.9, 2, False)]
+)
 def test_note_says_that_a_leader_cannot_catch_up_with_a_guide_at_full_speed(
-    speed: float, told: bool
+    speed: float, spare: int, told: bool
 ) -> None:
-    fast = np.full_like(guide().velocities, speed * scenario().swarm.v_max)
+    steps = scenario().n_steps - spare
+    fast = replace(guide(), velocities=np.full((steps, 2), speed * scenario().swarm.v_max))
     runs = simulate(scenario(), [stay], 40, guide=guide()).runs.assign(policy="leader")
-    (note,) = end_notes(runs, replace(guide(), velocities=fast), scenario().swarm.v_max)
-    assert ("cannot catch up: the guide flies at v_max in" in note) == told
-    assert ("guide.max_wait" in note) == told
+    (note,) = end_notes(runs, fast, scenario().swarm.v_max)
+    assert (f"cannot catch up: the guide flies at v_max in {steps} of its {steps}" in note) == told
+    assert ("guide.max_wait" in note) == (told and spare > 0)
 
 
 @pytest.mark.parametrize("call", [pytest.param(simulate, marks=pytest.mark.slow), evaluate])
