@@ -306,6 +306,8 @@ class Worker:
         self._child: Child | None = None
         self._wanted: Question | None = None
         self._latest: Answer | None = None
+        self._grace: Timer | None = None  # one of each at a time: questions may come in thousands
+        self._idle: Timer | None = None
 
     def ask(self, question: Question) -> None:
         """Ask a question, which makes all others obsolete; it must be one that can be pickled."""
@@ -317,8 +319,7 @@ class Worker:
                 self._child.listen(partial(self._take, self._child))
             with suppress(OSError):  # the process has died: the thread that reads will report it
                 self._child.send(content)
-        if self._is_late(question):
-            _later(GRACE, self._restart_if_late, question)
+        self._limit_if_late(question)
 
     def close(self) -> None:
         """End the process, whatever it does; the next question starts another one."""
@@ -342,7 +343,10 @@ class Worker:
                 self._latest = answer
         self._receive(answer)
         if content and answer.done:
-            _later(IDLE, self._end_if_idle, answer.question.version)
+            with self._lock:
+                if self._idle is not None:
+                    self._idle.cancel()
+                self._idle = _later(IDLE, self._end_if_idle, answer.question.version)
 
     def _is_late(self, question: Question) -> bool:
         """Return True if the process works on an older question although its guide is out."""
@@ -355,10 +359,18 @@ class Worker:
                 and latest.question.version < question.version
             )
 
+    def _limit_if_late(self, question: Question) -> None:
+        with self._lock:
+            if self._grace is None and self._is_late(question):
+                self._grace = _later(GRACE, self._restart_if_late, question)
+
     def _restart_if_late(self, question: Question) -> None:
         with self._lock:
-            newest = self._wanted
-            if newest is None or not self._is_late(question):
+            newest, self._grace = self._wanted, None
+            if newest is None:
+                return
+            if not self._is_late(question):
+                self._limit_if_late(newest)
                 return
             self.close()
         self.ask(newest)
@@ -369,11 +381,12 @@ class Worker:
                 self.close()
 
 
-def _later(seconds: float, function: Callable[..., None], *arguments: object) -> None:
+def _later(seconds: float, function: Callable[..., None], *arguments: object) -> Timer:
     """Call a function in a thread of its own, unless Python ends before."""
     timer = Timer(seconds, function, arguments)
     timer.daemon = True
     timer.start()
+    return timer
 
 
 def _answer_questions(channel: Channel) -> None:

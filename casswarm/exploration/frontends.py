@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import secrets
+import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,6 +16,7 @@ from http import HTTPStatus
 from importlib.resources import files
 from operator import attrgetter
 from pathlib import Path
+from queue import Full, Queue
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ExtraError
@@ -47,6 +49,7 @@ HOST = "127.0.0.1"
 
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 _MAX_BYTES = 1 << 16  # of a message of the page
+_MAX_WAITING = 1000  # messages that a page has not read
 
 
 @contextmanager
@@ -130,25 +133,62 @@ class _Pages:
         """Pass messages on between a page and a view of its own, until the page is closed."""
         from websockets.exceptions import ConnectionClosed
 
-        def send(message: dict[str, Any]) -> None:
-            with suppress(ConnectionClosed):
-                connection.send(json.dumps(message, allow_nan=False))
-
-        view = View(self._session, send)
+        outbox = _Outbox(connection)
+        view = View(self._session, outbox.put)
         self._connections.add(connection)
         try:
             with suppress(ConnectionClosed):
                 for text in connection:
-                    with suppress(ValueError):
+                    with suppress(ValueError, RecursionError):  # no JSON, or nested too deeply
                         view.receive(json.loads(text))
         finally:
             self._connections.discard(connection)
             view.close()
+            outbox.close()
 
     def end(self) -> None:
-        """Close the pages' connections."""
+        """Close the pages' connections, also of those that do not read."""
         for connection in tuple(self._connections):
-            connection.close()
+            _cut(connection)
+
+
+class _Outbox:
+    """Messages to a page, which a thread sends: a page that does not read delays no other.
+
+    After `_MAX_WAITING` messages that the page has not read, its connection is closed.
+    """
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self._connection = connection
+        self._texts: Queue[str] = Queue(_MAX_WAITING)
+        threading.Thread(target=self._send, daemon=True).start()
+
+    def put(self, message: dict[str, Any]) -> None:
+        """Add a message, without waiting."""
+        self._put(json.dumps(message, allow_nan=False))
+
+    def close(self) -> None:
+        """End the thread, after the messages before."""
+        self._put("")
+
+    def _put(self, text: str) -> None:
+        try:
+            self._texts.put_nowait(text)
+        except Full:
+            _cut(self._connection)
+
+    def _send(self) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        with suppress(ConnectionClosed):
+            for text in iter(self._texts.get, ""):
+                self._connection.send(text)
+
+
+def _cut(connection: ServerConnection) -> None:
+    """Close a connection without waiting for its page."""
+    with suppress(OSError):
+        connection.socket.shutdown(socket.SHUT_RDWR)
 
 
 def explore(scenario: Scenario, policy: str = "leader", *, file: str | Path | None = None) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,7 @@ from pickle import PicklingError
 from threading import Condition
 from typing import Any
 
-from ..errors import CasswarmError, PlanningError
+from ..errors import CasswarmError, PlanningError, ScenarioError
 from ..guide.guide import Guide
 from ..hazard import require_at_rest
 from ..policies.named import require_policy_name
@@ -30,6 +31,10 @@ class Moment:
     scenario: Scenario
     policy: str
     gesture: object = None
+
+
+MAX_MOMENTS = 1000
+"""Largest number of states of a history: the oldest ones except the first are forgotten."""
 
 
 class History:
@@ -68,6 +73,7 @@ class History:
             return False
         same = moment.gesture is not None and moment.gesture == present.gesture
         self._moments[self._index + (not same) :] = [moment]
+        del self._moments[1 : 1 + max(0, len(self._moments) - MAX_MOMENTS)]
         self._index = len(self._moments) - 1
         return True
 
@@ -307,5 +313,8 @@ class Session:
 def _new_file(name: str) -> Path:
     """A path in the current folder at which there is no file."""
     numbers = ("", *(f"-{number}" for number in range(2, 1000)))
-    paths = (Path(f"{name}-explored{number}.toml").resolve() for number in numbers)
-    return next(path for path in paths if not path.exists())
+    paths = (Path(f"{name}-explored{number}.toml").absolute() for number in numbers)
+    new = next((path for path in paths if not os.path.lexists(path)), None)  # no link either
+    if new is None:
+        raise ScenarioError(f"there are {len(numbers)} files {name}-explored*.toml: remove some")
+    return new

@@ -13,7 +13,7 @@ from functools import partial
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
-from ..errors import CasswarmError
+from ..errors import CasswarmError, ScenarioError
 from ..guide.guide import Guide
 from ..policies.named import POLICIES
 from ..scenario.validation import field_of
@@ -46,6 +46,9 @@ SLIDERS = (
     "guide.a_max",
     "formation.rho",
 )
+LARGEST_N = 1000
+"""Largest number of members that a page may ask for, unless the scenario has more."""
+
 CHOICES = {"guide.search": ("local", "global"), "guide.arrival": ("any", "horizon")}
 
 
@@ -115,9 +118,9 @@ class View:
             self._actions[message["type"]](message)
         except CasswarmError as error:
             self._send({"notice": str(error)})
-        except (LookupError, TypeError, ValueError):
+        except (LookupError, TypeError, ValueError, ArithmeticError):  # inf as an index, 10**400
             self._send({"notice": _UNSUPPORTED})
-        if isinstance(message, dict) and "number" in message:
+        if isinstance(message, dict) and isinstance(message.get("number"), int):
             self._send({"handled": message["number"]})
 
     @property
@@ -127,7 +130,7 @@ class View:
             "open": lambda _: self.open(),
             "close": lambda _: self.close(),
             "move": self._move,
-            "change": lambda m: session.change({m["key"]: m["value"]}, m.get("gesture")),
+            "change": self._change,
             "policy": lambda m: session.choose_policy(m["name"]),
             "undo": lambda _: session.undo(),
             "redo": lambda _: session.redo(),
@@ -136,14 +139,23 @@ class View:
             "save": lambda _: self._send({"notice": f"saved as {session.save()}"}),
         }
 
+    def _change(self, message: Mapping[str, Any]) -> None:
+        """Change what the page shows, and nothing else of the scenario."""
+        key, number = message["key"], message["value"]
+        if key not in SLIDERS and key not in CHOICES:
+            raise ValueError(key)
+        most = max(LARGEST_N, self._session.history.first.scenario.n)
+        if key == "n" and not number <= most:  # more would take long, and much memory
+            raise ScenarioError(f"n = {number:g}; allowed here: whole numbers from 1 to {most}")
+        self._session.change({key: number}, message.get("gesture"))
+
     def _move(self, message: Mapping[str, Any]) -> None:
         x, y = message["position"]
-        if message["point"] not in POINTS:
+        index = int(message["index"])
+        if message["point"] not in POINTS or index < 0:
             raise ValueError(message["point"])
         position = (float(x), float(y))
-        self._session.move(
-            message["point"], int(message["index"]), position, message.get("gesture")
-        )
+        self._session.move(message["point"], index, position, message.get("gesture"))
 
     def _show(self) -> None:
         """Send the parts that have changed since they were sent."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+import threading
+import time
 from itertools import pairwise
 
 import pytest
@@ -108,3 +111,37 @@ def test_policy_that_does_not_apply_says_why_and_keeps_guide():
     assert "two members" in answer.failure or "pair" in answer.failure
     assert answer.guide.arrives
     assert answer.success is None
+
+
+def test_thousands_of_questions_start_one_timer(monkeypatch):
+    children = []
+
+    class Child:
+        """In place of the process: passes on what `answer` is given."""
+
+        def __init__(self, _serve):
+            self.sent, self.ended = [], False
+            self.send = self.sent.append
+            children.append(self)
+
+        def listen(self, receive):
+            self.answer = lambda answer: receive(pickle.dumps(answer))
+
+        def end(self):
+            self.ended = True
+
+    monkeypatch.setattr(answers, "Child", Child)
+    monkeypatch.setattr(answers, "GRACE", 0.3)
+    worker = answers.Worker(lambda _: None)
+    worker.ask(Question(0, three_members(), "leader"))
+    children[0].answer(Answer(Question(0, three_members(), "leader"), guide="a guide"))
+    before = threading.active_count()
+    for version in range(1, 500):
+        worker.ask(Question(version, "packed quickly", "leader"))
+    assert threading.active_count() <= before + 1
+    time_limit = time.monotonic() + 20
+    while len(children) == 1 and time.monotonic() < time_limit:
+        time.sleep(0.02)
+    assert children[0].ended
+    (newest,) = map(pickle.loads, children[1].sent)
+    assert newest.version == 499
