@@ -110,6 +110,8 @@ class PolicyError(CasswarmError, ValueError):
     leader_selection: str | None = None
     dtype: Any = None
     shapes: Any = None
+    index: tuple[int, ...] | None = None
+    state: int | None = None
 
 
 class PolicyCallError(PolicyError):
@@ -119,7 +121,6 @@ class PolicyCallError(PolicyError):
     `velocity` that is not finite is that of `member` in `state` of a batch.
     """
 
-    state: int | None = None
     member: int | None = None
     velocity: Any = None
     time_limit: float | None = None
@@ -222,7 +223,13 @@ class FolderError(CasswarmError, OSError):
 
 
 class WorkerError(CasswarmError, RuntimeError):
-    """Processes that were to do the work died again and again; what was done before is kept."""
+    """Processes that were to do the work died again and again; what was done before is kept.
+
+    Or they have another casswarm: `version` is that of this process, `worker_version` theirs.
+    """
+
+    version: str | None = None
+    worker_version: str | None = None
 
 
 class ExtraError(CasswarmError, ImportError):

@@ -261,10 +261,14 @@ def packed(value: Any) -> bytes:
 
 
 def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[tuple[int, T]]:
+    from .. import __version__
+
     by_value = isinstance(pool, ProcessPoolExecutor)  # others pickle in ways of their own
     with blocked():  # inherited by the processes that are started now
         futures: dict[Future[T], int] = {
-            pool.submit(_call_packed, packed(job)) if by_value else pool.submit(_call, job): at
+            pool.submit(_call_packed, packed(job))
+            if by_value
+            else pool.submit(_call_of_version, __version__, job): at
             for at, job in jobs.items()
         }
     try:
@@ -278,6 +282,20 @@ def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[t
 def _call(job: Callable[[], T]) -> T:
     with ONE_JOB:
         return job()
+
+
+def _call_of_version(version: str, job: Callable[[], T]) -> T:
+    """Run a job of a process that may be on another machine, if casswarm is the same there."""
+    from .. import __version__
+
+    if version != __version__:
+        raise WorkerError(
+            f"a worker has casswarm {__version__}, and the process that asks has {version}: their "
+            "results may differ, so install the same version for both",
+            version=version,
+            worker_version=__version__,
+        )
+    return _call(job)
 
 
 def _call_packed(content: bytes) -> Any:

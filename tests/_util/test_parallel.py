@@ -8,9 +8,10 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -69,6 +70,30 @@ def test_executor_whose_workers_die_raises() -> None:
         pytest.raises(WorkerError, match="lost its workers"),
     ):
         list(done_jobs([exit_at_once], pool))
+
+
+class OtherVersion(Executor):
+    """An executor whose workers have another casswarm."""
+
+    def submit(self, function: Any, /, *arguments: Any, **options: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(csw, "__version__", "0.0.1", raising=False)
+            try:
+                future.set_result(function(*arguments, **options))
+            except Exception as error:
+                future.set_exception(error)
+        return future
+
+
+def test_worker_of_another_version_raises() -> None:
+    present = csw.__version__
+    with pytest.raises(
+        WorkerError, match=r"worker has casswarm 0\.0\.1, and .* install the same"
+    ) as e:
+        csw.simulate(SMALL, [toward], 10, workers=OtherVersion())
+    assert (e.value.version, e.value.worker_version) == (present, "0.0.1")
+    assert csw.__version__ == present
 
 
 def test_error_of_job_is_raised_unchanged() -> None:
