@@ -44,7 +44,9 @@ HEADER = """\
 
 Success of policies in the built-in scenarios, best first. `trained` is the policy of
 [policy gradients](policy-gradients.md#a-trained-policy); the others are
-[described here](policies.md). To add a policy, give it a name in `benchmarks/leaderboard.py`.
+[described here](policies.md). `python benchmarks/leaderboard.py barricade module:function` prints
+the rows of a scenario with that of a policy of your own, which the function returns for a scenario
+and a guide. To add a row to this page, give the policy a name in `benchmarks/leaderboard.py`.
 
 - **Success**: proven bounds at most {wide} apart, or (~) an interval with 95 % confidence, for
   which the probable states are enumerated and the rest is sampled by {runs} runs.

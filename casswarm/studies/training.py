@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,13 +13,14 @@ import pandas as pd
 from scipy.optimize import minimize
 
 from ..bounds.success_bound import success_bound
+from ..errors import CasswarmWarning
 from ..guide.guide import Guide
 from ..guide.plan import plan
 from ..policies.parametric import ParametricPolicy
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray, Interval
-from .evaluation import evaluate, success_gradient
+from .evaluation import SuccessGradient, evaluate, success_gradient
 
 METHODS = ("L-BFGS-B", "BFGS", "CG", "SLSQP")
 """Methods of `scipy.optimize.minimize` that need nothing but a gradient."""
@@ -142,6 +144,8 @@ def train(
                 arrival_smoothing=smoothing,  # noqa: B023
                 guide=guide,
             )
+            if not rows or rows[-1][0] != stage:  # noqa: B023
+                _warn_if_flat(found, stage, tolerance)  # noqa: B023
             rows.append((stage, smoothing, found.objective))  # noqa: B023
             return -found.objective, -found.gradient
 
@@ -157,6 +161,17 @@ def train(
     history = pd.DataFrame(rows, columns=["stage", "smoothing", "objective"])
     success = evaluate(scenario, policy, guide=guide).success
     return Training(scenario, policy, success, history, tuple(messages))
+
+
+def _warn_if_flat(found: SuccessGradient, stage: int, tolerance: float) -> None:
+    if not found.gradient.any():
+        warnings.warn(
+            f"stage {stage} of the training begins with the objective {found.objective:g} and a "
+            f"gradient of zeros, which moves nothing: reduce its tolerance ({tolerance:g}), which "
+            "may be above the success there, smooth arrivals more, or start elsewhere",
+            CasswarmWarning,
+            stacklevel=2,
+        )
 
 
 def _require_stages(stages: Sequence[tuple[float, float, int]]) -> None:

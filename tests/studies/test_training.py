@@ -10,6 +10,7 @@ import pytest
 from small_scenarios import small
 
 import casswarm as csw
+from casswarm.studies.training import METHODS
 
 SCENARIO = small([(0.0, 0.0), (0.0, 0.3)], (2.0, 0.0), [(1.0, 0.3)], 6, swarm__velocity=[1.0, 0.0])
 
@@ -43,6 +44,23 @@ def test_train_finds_parameters_that_no_neighbour_exceeds() -> None:
         == pytest.approx(csw.success_bound(SCENARIO).value - training.success.low)
     )
     assert "gradients=" in repr(training)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_increases_the_success(method: str) -> None:
+    policy = csw.ParametricPolicy(common, [0.0, 0.0], SCENARIO)
+    training = csw.train(SCENARIO, policy, method, stages=[(0.4, 0.0, 3)])
+    objectives = training.history["objective"]
+    assert objectives.max() > 10 * objectives.iloc[0] > 0
+    assert training.success.low > 0.05
+
+
+def test_train_from_a_gradient_of_zeros_warns() -> None:
+    policy = csw.ParametricPolicy(common, [0.0, 0.0], SCENARIO)
+    with pytest.warns(csw.CasswarmWarning, match=r"stage 0 .* zeros.* its tolerance \(0\.05\)"):
+        training = csw.train(SCENARIO, policy, stages=[(0.4, 0.05, 2)])
+    np.testing.assert_array_equal(training.policy.parameters, [0.0, 0.0])
 
 
 @pytest.mark.parametrize(
