@@ -84,6 +84,7 @@ class SwarmBatch:
         dtype: Any,
         shaping: bool,
         discount: float,
+        observe_guide: bool = False,
     ) -> None:
         if not isinstance(size, int | np.integer) or size < 1:
             raise EnvError(
@@ -100,7 +101,10 @@ class SwarmBatch:
         self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         require_at_rest(self.scenario.hazard, "an environment (casswarm.envs)")
         self.size, self.discount = int(size), discount
-        self.observation = Observation.from_scenario(self.scenario, dtype)
+        if guide is None and observe_guide:
+            guide = plan(self.scenario, certify=False)
+        observed = guide if observe_guide else None
+        self.observation = Observation.from_scenario(self.scenario, dtype, guide=observed)
         self._initial_velocities = _initial_velocities(self.scenario, guide)
         self._table = risk_table(self.scenario) if shaping else None
         self._rates = compiled_rates(self.scenario.hazard, self.scenario.n)

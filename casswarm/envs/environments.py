@@ -67,13 +67,16 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     num_envs : int
         B.
     guide : Guide, optional
-        Whose first velocity is V(-1), where the scenario says so; planned by default.
+        Whose first velocity is V(-1), where the scenario says so, and which may be observed;
+        planned by default.
     dtype : str
         Of observations: float32 or float64.
     shaping : bool
         Whether rewards are shaped by potentials, see `casswarm.envs.batch`.
     discount : float
         Of the shaping; that of the learner.
+    observe_guide : bool
+        Whether members observe the guide's reference of the next step: see `Observation`.
     autoreset_mode : AutoresetMode or str
         When a run that has ended is followed by the next: see `step` for ``DISABLED``.
     render_mode : str, optional
@@ -100,6 +103,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         dtype: Any = "float32",
         shaping: bool = False,
         discount: float = 1.0,
+        observe_guide: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
@@ -110,7 +114,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             )
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
-        self.batch = SwarmBatch(scenario, num_envs, guide, dtype, shaping, discount)
+        self.batch = SwarmBatch(scenario, num_envs, guide, dtype, shaping, discount, observe_guide)
         self.scenario, self.num_envs = self.batch.scenario, self.batch.size
         self.render_mode = render_mode
         observation = self.batch.observation
@@ -256,6 +260,7 @@ class OneSwarm:
         dtype: Any = "float32",
         shaping: bool = False,
         discount: float = 1.0,
+        observe_guide: bool = False,
         render_mode: str | None = None,
     ) -> None:
         self.vector = SwarmVectorEnv(
@@ -264,6 +269,7 @@ class OneSwarm:
             dtype=dtype,
             shaping=shaping,
             discount=discount,
+            observe_guide=observe_guide,
             autoreset_mode="Disabled",
             render_mode=render_mode,
         )
@@ -286,7 +292,7 @@ class SwarmEnv(OneSwarm, gymnasium.Env[NDArray[Any], NDArray[Any]]):
     Parameters
     ----------
     scenario : Scenario, str or Path
-    guide, dtype, shaping, discount, render_mode
+    guide, dtype, shaping, discount, observe_guide, render_mode
         As of `SwarmVectorEnv`.
     """
 

@@ -7,7 +7,7 @@ from .formation_policies import (
     applied_decision,
 )
 from .named import POLICIES, make_policy, member_guides
-from .observation import Observation
+from .observation import Observation, ObservedState
 from .parametric import ParametricPolicy
 from .planned_paths import JointPolicy, NaivePolicy, OptimalPolicy, ReplanningPolicy
 from .user import UserPolicy, as_policy, repeated
@@ -22,6 +22,7 @@ __all__ = [
     "LeaderPolicy",
     "NaivePolicy",
     "Observation",
+    "ObservedState",
     "OptimalPolicy",
     "ParametricPolicy",
     "Policy",

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,10 @@ from .._util.text import shown
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import CasswarmError, PolicyCallError, PolicyError
 from ..typing import BoolArray, FloatArray, IntArray, States
+
+if TYPE_CHECKING:
+    from ..guide.guide import Guide
+    from ..scenario import Scenario
 
 SOLVER_TOL = 2.0**-23
 """Accuracy of velocities that solve formation problems, in units of v_max: about 1e-7, to which the
@@ -240,3 +244,15 @@ class Policy(ABC):
 def is_own(policy: Policy) -> bool:
     """Return True if casswarm defines the class of a policy."""
     return type(policy).__module__.partition(".")[0] == __package__.partition(".")[0]
+
+
+def require_guide_of(scenario: Scenario, guide: Guide) -> None:
+    """Raise PolicyError for a guide to another target than the scenario's, or in other steps."""
+    target, dt = scenario.target.center, scenario.time.dt
+    if guide.dt != dt or tuple(guide.center) != target:
+        raise PolicyError(
+            f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
+            f"{scenario.name!r} has its target at {target} and dt {dt}: plan a guide for this "
+            "scenario",
+            scenario=scenario.name,
+        )

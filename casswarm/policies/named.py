@@ -18,7 +18,7 @@ from ..motion.step import Motion
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import LeaderSelection
-from .base import Policy
+from .base import Policy, require_guide_of
 from .formation_policies import (
     ConstrainedFeedbackPolicy,
     ConstrainedPolicy,
@@ -109,14 +109,8 @@ def make_policy(
         leader_selection = scenario.formation.leader_selection
     _require_known("leader_selection", leader_selection, LEADER_SELECTION)
     backend = papers_solver(scenario, solver, scenario.formation, solver_options, start="zero")
-    target, dt = scenario.target.center, scenario.time.dt
-    if guide is not None and (guide.dt != dt or tuple(guide.center) != target):
-        raise PolicyError(
-            f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
-            f"{scenario.name!r} has its target at {target} and dt {dt}: plan a guide for this "
-            "scenario",
-            scenario=scenario.name,
-        )
+    if guide is not None:
+        require_guide_of(scenario, guide)
     if horizon > 1 or kind.startswith(("joint", "optimal")):  # before a guide is planned
         require_at_rest(scenario.hazard, f"the policy {name!r}")
     motion, rho = Motion.from_scenario(scenario), scenario.formation.rho

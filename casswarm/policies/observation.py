@@ -8,7 +8,9 @@ Each member has a row of d = 6 + 2 k + 5 (n - 1) numbers, with k radars:
 - ``velocity``: V_i(t-1) / v_max;
 - ``radars``: for every radar l its position from the member, (x_l - X_i) / L;
 - ``others``: for every other member j, in the order of their indices, five numbers: 1,
-  (X_j - X_i) / L, V_j(t-1) / v_max; zeros if it was destroyed.
+  (X_j - X_i) / L, V_j(t-1) / v_max; zeros if it was destroyed;
+- ``guide``, with a guide only: its reference of the next step, (X*(t+1) - X_i) / L. Then d has
+  two numbers more.
 
 The row of a destroyed member is zero. The length L is the largest distance of a member from c
 at the start, or the target's radius if that is larger: observations do not depend on units, and
@@ -29,14 +31,17 @@ from ..compiled.kernels import contiguous, kernel
 from ..errors import PolicyError
 from ..hazard import require_at_rest
 from ..typing import BoolArray, FloatArray, IntArray
+from .base import require_guide_of
 
 if TYPE_CHECKING:
+    from ..guide.guide import Guide
     from ..scenario import Scenario
 
 DTYPES = ("float32", "float64")
 """Types of the numbers of an observation."""
 
 _OWN, _RADAR, _OTHER = 6, 2, 5  # numbers for a member itself, a radar, and another member
+_GUIDE = 2
 _ROUNDING = 1e-6  # of bounds, relative: observations may be in single precision
 _ZERO, _ONE = np.uint64(0), np.uint64(1)
 
@@ -66,6 +71,8 @@ class Observation:
         Largest change of a coordinate by the end.
     dtype : str
         Of `DTYPES`.
+    references : (N + 1, 2) or (0, 2)
+        X*(t+1) for every t, or nothing if the guide is not observed.
     """
 
     n: int
@@ -77,15 +84,26 @@ class Observation:
     starts: FloatArray
     reach: float
     dtype: str
+    references: FloatArray
 
     @classmethod
-    def from_scenario(cls, scenario: Scenario, dtype: Any = "float32") -> Observation:
+    def from_scenario(
+        cls, scenario: Scenario, dtype: Any = "float32", *, guide: Guide | None = None
+    ) -> Observation:
         """Observation of the states of a scenario.
+
+        Parameters
+        ----------
+        scenario : Scenario
+        dtype : dtype
+            float32 or float64.
+        guide : Guide, optional
+            Whose reference of the next step is observed, too.
 
         Raises
         ------
         PolicyError
-            A dtype that is neither float32 nor float64.
+            A dtype that is neither float32 nor float64, or a guide of another target or step.
         """
         try:
             name = np.dtype(dtype).name
@@ -97,6 +115,10 @@ class Observation:
             )
         require_at_rest(scenario.hazard, "the observation of environments and models")
         distances = scenario.target.distances(scenario.positions)
+        references = []
+        if guide is not None:
+            require_guide_of(scenario, guide)
+            references = [guide.reference(step + 1) for step in range(scenario.n_steps + 1)]
         return cls(
             n=scenario.n,
             n_steps=scenario.n_steps,
@@ -107,25 +129,29 @@ class Observation:
             starts=scenario.positions,
             reach=scenario.n_steps * scenario.time.dt * scenario.swarm.v_max,
             dtype=name,
+            references=np.array(references, float).reshape(-1, 2),
         )
 
     @property
     def size(self) -> int:
         """Numbers d of a member's row."""
-        return _OWN + _RADAR * len(self.radars) + _OTHER * (self.n - 1)
+        guide = _GUIDE if len(self.references) else 0
+        return _OWN + _RADAR * len(self.radars) + _OTHER * (self.n - 1) + guide
 
     @property
     def slices(self) -> dict[str, slice]:
         """Slices of the parts of a row, by name."""
         radars = _OWN + _RADAR * len(self.radars)
-        return {
+        others = radars + _OTHER * (self.n - 1)
+        parts = {
             "alive": slice(0, 1),
             "time_left": slice(1, 2),
             "position": slice(2, 4),
             "velocity": slice(4, 6),
             "radars": slice(6, radars),
-            "others": slice(radars, self.size),
+            "others": slice(radars, others),
         }
+        return parts | {"guide": slice(others, self.size)} if len(self.references) else parts
 
     def __call__(
         self,
@@ -147,7 +173,7 @@ class Observation:
         observations = np.empty((*alive.shape, self.size), self.dtype)
         each = np.full(len(alive), steps) if np.ndim(steps) == 0 else np.asarray(steps)
         _write_observations(
-            _Frame(*self.center, self.length, self.v_max, self.n_steps, self._radars),
+            self._frame,
             contiguous(each),
             contiguous(positions),
             contiguous(previous_velocities),
@@ -211,9 +237,13 @@ class Observation:
         )
 
     @cached_property
-    def _radars(self) -> FloatArray:
-        """Radars (k, 2) relative to the target, in lengths."""
-        return contiguous((self.radars - self.center) / self.length)
+    def _frame(self) -> _Frame:
+        """Radars and references relative to the target, in lengths, and units."""
+        radars, references = (
+            contiguous((points - self.center) / self.length)
+            for points in (self.radars, self.references)
+        )
+        return _Frame(*self.center, self.length, self.v_max, self.n_steps, radars, references)
 
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Least and greatest observations (n, d) of all states that can be reached."""
@@ -223,17 +253,20 @@ class Observation:
         others[..., 0] = 0.5
         others[..., 1:3] = between[~np.eye(n, dtype=bool)].reshape(n, n - 1, 2) / self.length
         radars = (self.radars[None] - self.starts[:, None]) / self.length
+        references = self.references if len(self.references) else np.zeros((1, 2))
+        ends = np.stack([references.min(axis=0), references.max(axis=0)])
+        guide = (ends.mean(axis=0) - self.starts) / self.length
         middle = np.hstack(
             [
                 *(unit, (self.starts - self.center) / self.length, speed),
-                *(radars.reshape(n, -1), others.reshape(n, -1)),
+                *(radars.reshape(n, -1), others.reshape(n, -1), guide),
             ]
-        )
+        )[:, : self.size]
         reach = self.reach / self.length
         other = [0.5, 2 * reach, 2 * reach, 1.0, 1.0]
-        spread = np.array(
-            [0.5, 0.5, reach, reach, 1.0, 1.0, *[reach] * radars[0].size, *other * (n - 1)]
-        )
+        from_guide = reach + (ends[1] - ends[0]) / (2 * self.length)
+        numbers = [0.5, 0.5, reach, reach, 1.0, 1.0, *[reach] * radars[0].size, *other * (n - 1)]
+        spread = np.array([*numbers, *from_guide])[: self.size]
         spread = spread + _ROUNDING * (np.abs(middle) + spread)
         return (
             np.minimum(middle - spread, 0.0).astype(self.dtype),  # the destroyed have zeros
@@ -242,7 +275,7 @@ class Observation:
 
 
 class _Frame(NamedTuple):
-    """Centre, units and steps of observations, and radars (k, 2) from the centre, in lengths."""
+    """Centre, units and steps, and radars (k, 2) and references from the centre, in lengths."""
 
     east: float
     north: float
@@ -250,6 +283,7 @@ class _Frame(NamedTuple):
     speed: float
     n_steps: int
     radars: FloatArray
+    references: FloatArray
 
 
 @kernel
@@ -285,8 +319,9 @@ def _write_observations(
 ) -> None:
     """Write observations (B n d,) of B states; `members` (n, 4) is overwritten."""
     batch, n = alive.shape
-    radars = frame.radars
-    size = 6 + 2 * radars.shape[0] + 5 * (n - 1)
+    radars, references = frame.radars, frame.references
+    last = references.shape[0] - 1  # -1 without a guide
+    size = 6 + 2 * radars.shape[0] + 5 * (n - 1) + (2 if last >= 0 else 0)
     of_length, of_speed = 1.0 / frame.length, 1.0 / frame.speed
     at = _ZERO
     for b in range(batch):
@@ -316,3 +351,6 @@ def _write_observations(
                     at = _append(observations, at, members[j, 2], members[j, 3])
                 else:
                     at = _append_zeros(observations, at, 5)
+            if last >= 0:
+                t = min(max(steps[b], 0), last)
+                at = _append(observations, at, references[t, 0] - east, references[t, 1] - north)

@@ -25,6 +25,7 @@ from .base import Decision, Policy, call_error, checked_velocities, is_own, poli
 from .observation import DTYPES, Observation
 
 if TYPE_CHECKING:
+    from ..guide.guide import Guide
     from ..scenario import Scenario
 
 
@@ -129,6 +130,7 @@ def as_policy(
     time_limit: float | None = None,
     parameters: Any = None,
     dtype: Any = None,
+    observed_guide: Guide | None = None,
 ) -> Policy:
     """Policy from a `Policy`, an object with a method `velocities`, a function, or a learned model.
 
@@ -153,6 +155,9 @@ def as_policy(
         Parameters of a ``casadi.Function``.
     dtype : dtype, optional
         float32 or float64, of observations; by default that of a module's parameters, or float32.
+    observed_guide : Guide, optional
+        Whose reference a model observes, if it was trained with ``observe_guide=True``; the guide
+        of `simulate` or `evaluate` itself is not observed.
 
     Raises
     ------
@@ -171,8 +176,17 @@ def as_policy(
     if time_limit is not None:
         if not time_limit > 0:
             raise ValueError(f"time_limit = {shown(time_limit)}; allowed: seconds above 0")
-        unlimited = as_policy(policy, scenario, name=name, parameters=parameters, dtype=dtype)
+        options = {"parameters": parameters, "dtype": dtype, "observed_guide": observed_guide}
+        unlimited = as_policy(policy, scenario, name=name, **options)
         return _LimitedPolicy(unlimited, unlimited.name, float(time_limit))
+    if observed_guide is not None and (
+        scenario is None or isinstance(policy, Policy | ca.Function)
+    ):
+        raise PolicyError(
+            "observed_guide is for a model that takes observations, and needs its scenario: "
+            "as_policy(model, scenario, observed_guide=guide)",
+            key="observed_guide",
+        )
     if isinstance(policy, type):
         raise PolicyError(
             f"{policy.__name__} is a class; pass an instance: {policy.__name__}()",
@@ -186,7 +200,7 @@ def as_policy(
             )
         return policy
     if scenario is not None:
-        return _model_policy(policy, scenario, name, parameters, dtype)
+        return _model_policy(policy, scenario, name, parameters, dtype, observed_guide)
     function = getattr(policy, "velocities", policy)
     if not callable(function):
         raise PolicyError(
@@ -227,7 +241,12 @@ def _evaluate_module(module: Any, observations: NDArray[Any]) -> Any:
 
 
 def _model_policy(
-    model: Any, scenario: Scenario, name: str | None, parameters: Any, dtype: Any
+    model: Any,
+    scenario: Scenario,
+    name: str | None,
+    parameters: Any,
+    dtype: Any,
+    guide: Guide | None,
 ) -> Policy:
     """Policy of a model; see `as_policy`."""
     require_scenario("as_policy", scenario)
@@ -260,7 +279,7 @@ def _model_policy(
             "or a casadi.Function",
             policy=repr(model),
         )
-    observation = Observation.from_scenario(scenario, dtype or "float32")
+    observation = Observation.from_scenario(scenario, dtype or "float32", guide=guide)
     return UserPolicy(_ObservedModel(called, observation), name or _name_of(model))
 
 

@@ -162,3 +162,70 @@ def test_single_precision_is_the_rounded_double_precision() -> None:
     single = Observation.from_scenario(TWO, np.float32)(0, *state)
     assert single.dtype == np.float32
     np.testing.assert_array_equal(single, double.astype(np.float32))
+
+
+class Follower:
+    """A model that flies to the guide's reference."""
+
+    def __init__(self, observation: Observation) -> None:
+        self.part = observation.slices["guide"]
+        self.gain = observation.length / SMALL.time.dt
+
+    def __call__(self, observations: Any) -> Any:
+        return self.gain * observations[..., self.part]
+
+
+def test_observed_guide_is_the_offset_to_the_next_reference(guide: csw.Guide) -> None:
+    observation = Observation.from_scenario(SMALL, "float64", guide=guide)
+    numbers = [k for part in observation.slices.values() for k in range(observation.size)[part]]
+    assert numbers == list(range(OBSERVATION.size + 2))
+    low, high = observation.bounds()
+    alive = np.array([[True, False, True]])
+    for step in range(SMALL.n_steps + 1):
+        state = SMALL.positions[None] + 0.1 * step, np.full((1, 3, 2), 0.1), alive
+        (rows,) = found = observation(step, *state)
+        expected = (guide.reference(step + 1) - state[0][0]) / observation.length
+        np.testing.assert_allclose(rows[[0, 2], -2:], expected[[0, 2]], atol=1e-12)
+        np.testing.assert_array_equal(
+            rows[:, :-2], Observation.from_scenario(SMALL, float)(step, *state)[0]
+        )
+        assert not rows[1].any()
+        assert ((low <= rows) & (rows <= high)).all()
+        restored = observation.state(found)
+        assert restored.steps == [step]
+        np.testing.assert_allclose(restored.positions[alive], state[0][alive], atol=1e-12)
+
+
+def test_model_of_the_guide_is_the_same_policy_in_environments_and_studies(
+    guide: csw.Guide,
+) -> None:
+    pytest.importorskip("gymnasium", reason="needs the extra rl")
+    from casswarm.envs import SwarmVectorEnv
+
+    env = SwarmVectorEnv(
+        SMALL, 40, guide=guide, dtype="float64", observe_guide=True, autoreset_mode="Disabled"
+    )
+    model = Follower(env.batch.observation)
+    observations, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observations)
+    success: Any = np.zeros(40, bool)
+    while not env.batch.ends.ended.all():
+        observations, rewards, *_ = env.step(model(observations))
+        success |= rewards == 1.0
+    policy = csw.as_policy(model, SMALL, dtype="float64", observed_guide=guide)
+    study = csw.simulate(SMALL, [policy], 40, seed=0, guide=guide)
+    np.testing.assert_array_equal(study.runs["success"], success)
+    assert 0 < success.sum() < 40
+
+    def follow(step: int, positions: Any, *_: Any) -> Any:
+        return (guide.reference(step + 1) - positions) / SMALL.time.dt
+
+    by_hand = csw.evaluate(SMALL, follow, 1e-2, guide=guide).success
+    np.testing.assert_allclose(csw.evaluate(SMALL, policy, 1e-2, guide=guide).success, by_hand)
+
+
+def test_observed_guide_that_cannot_be_observed_raises(guide: csw.Guide) -> None:
+    with pytest.raises(csw.PolicyError, match="plan a guide for this scenario"):
+        Observation.from_scenario(small([(0.0, 0.0)], (4.0, 0.0), [(2.0, 2.0)], 12), guide=guide)
+    with pytest.raises(csw.PolicyError, match="observed_guide is for a model"):
+        csw.as_policy(lambda *state: 0 * state[1], observed_guide=guide)
