@@ -152,18 +152,20 @@ def test_page_that_does_not_read_delays_neither_others_nor_the_end(session):
         )
         assert b"101" in stalled.recv(4096)
         stalled.sendall(frame('{"type": "open"}'))
-        stalled.settimeout(20)
+        stalled.settimeout(2)
         try:
-            for _ in range(4000):
+            for _ in range(20_000):
                 stalled.sendall(frame('{"type": "copy"}'))
         except OSError:  # the server has closed its connection
             pass
+        began = time.monotonic()
         with page_of(address) as page:
             page.send(json.dumps(json.loads(moved(1.3)) | {"number": 1}))
             assert replies(page)
         assert session.scenario.hazard_table.radars[0] == (1.3, 1.0)
-        began = time.monotonic()
-    assert time.monotonic() - began < 20
+        answered = time.monotonic()
+    times = answered - began, time.monotonic() - answered
+    assert max(times) < 8, times  # websockets waits 10 s for a page that is to be closed
     stalled.close()
 
 
