@@ -43,3 +43,9 @@ def printable(text: str) -> str:
     what was printed, or turn around the order of what is read.
     """
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
+def quoted(value: object, length: int = 60) -> str:
+    """Representation of a value of somebody else, cut where it is longer than `length`."""
+    text = repr(value[: length + 1] if isinstance(value, str) else value)
+    return text if len(text) <= length + 2 else f"{text[:length]}... (shortened)"

@@ -20,7 +20,11 @@ from .._util.figure_style import (
     GREY,
     MEMBERS,
     VERMILION,
+    AxesLike,
+    add_legend,
     current_theme,
+    heading,
+    label_outer,
     marker,
     panels,
     scaled,
@@ -215,10 +219,11 @@ def formation_chart(
     scenario: Scenario,
     trajectory: RunTrajectory,
     guide: Guide | None = None,
-    title: str = "",
+    title: str | None = "",
     *,
     steps: Sequence[int] | None = None,
     corridors: bool = False,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Close-ups of the formation at several steps, centred on the guide.
 
@@ -231,7 +236,8 @@ def formation_chart(
     trajectory : RunTrajectory
     guide : Guide, optional
         Centre of every panel; by default that is the mean of the members alive.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     steps : sequence of int, optional
         By default the first and the last, those at which members are lost, and some in between.
     corridors : bool
@@ -253,15 +259,15 @@ def formation_chart(
     columns = min(across, len(chosen))
     shape = (1.05 if narrow else 0.95) * -(-len(chosen) // columns) / columns
     aspect = shape + (0.16 if narrow else 0.06)
-    heading = title or scenario.name, f"formation around {'the guide' if guide else 'its mean'}"
-    fig, axes = panels(len(chosen), columns, aspect, *heading, sharex=True, sharey=True)
+    text = heading(title, scenario.name, formation_title(guide))
+    fig, axes = panels(len(chosen), columns, aspect, text, ax, sharex=True, sharey=True)
     centers = formation_centers(trajectory, guide)
     half = window(trajectory, centers)
     what = {"marked": guide is not None, "corridors": corridors}
     for panel, step in zip(axes, chosen, strict=True):
         Closeup(panel, scenario, trajectory, centers, half, **what).show(step)
         panel.set_title(caption(step, trajectory.alive[step]), fontsize="small")
-        panel.label_outer()
+        label_outer(panel)
     fig.colorbar(
         axes[0].images[0],
         ax=axes,
@@ -271,8 +277,13 @@ def formation_chart(
         label="hazard rate\nrelative to an isolated agent",
     )
     handles = legend_handles(trajectory, guide is not None, corridors)
-    fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else len(handles))
+    add_legend(axes[-1], handles, 2 if narrow else len(handles))
     return fig
+
+
+def formation_title(guide: Guide | None) -> str:
+    """What close-ups are centred on, in words."""
+    return f"formation around {'its mean' if guide is None else 'the guide'}"
 
 
 def representative_steps(trajectory: RunTrajectory, number: int) -> list[int]:

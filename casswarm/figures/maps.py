@@ -24,9 +24,11 @@ from .._util.figure_style import (
     MEMBERS,
     SKY,
     VERMILION,
+    AxesLike,
     add_legend,
     add_title,
     current_theme,
+    heading,
     marker,
     scaled,
     single_panel,
@@ -104,13 +106,16 @@ GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspac
 
 
 def base_map(
-    scenario: Scenario, contents: Sequence[FloatArray], step: int | None = None
+    scenario: Scenario,
+    contents: Sequence[FloatArray],
+    step: int | None = None,
+    ax: AxesLike | None = None,
 ) -> tuple[Figure, Axes]:
     """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`.
 
     Rates that depend on time are those after `step` steps, by default the last one.
     """
-    fig, axes = single_panel()
+    fig, axes = single_panel(ax=ax)
     image = draw_base_map(axes, scenario, *scenario.extent(contents), step)
     when = f" after step {_shown(scenario, step)}" if scenario.hazard.changes else ""
     add_colorbar(axes, image, f"single-agent hazard rate{when}, per unit time", extend="max")
@@ -259,10 +264,11 @@ class SideShift(AbstractPathEffect):
         renderer.draw_path(gc, shifted, IdentityTransform(), rgbFace)
 
 
-def draw_paths(axes: Axes, paths: Sequence[FloatArray], near: float) -> None:
+def draw_paths(axes: Axes, paths: Sequence[FloatArray], near: float) -> bool:
     """Draw paths (T_k+1, 2), side by side where they are within the distance `near`.
 
-    Paths of more members than there are colours are drawn alike, where they are.
+    Paths of more members than there are colours are drawn alike, where they are. Returns whether
+    any path is displaced.
     """
     few = len(paths) <= len(MEMBERS)
     shifts = side_shifts(paths, near) if few else []
@@ -272,6 +278,7 @@ def draw_paths(axes: Axes, paths: Sequence[FloatArray], near: float) -> None:
         if few:
             patch.set_path_effects([SideShift(scaled(_GAP) * shifts[member])])
         axes.add_patch(patch)
+    return any(shift.any() for shift in shifts)
 
 
 def path_style(member: int) -> dict[str, Any]:
@@ -361,7 +368,12 @@ _NEAR = 0.03  # of a map's width: loss markers this close share a label
 
 @themed
 def guide_map(
-    scenario: Scenario, guide: Guide, others: Sequence[Candidate | FloatArray] = ()
+    scenario: Scenario,
+    guide: Guide,
+    others: Sequence[Candidate | FloatArray] = (),
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Guide with its corridor on the hazard rates of an isolated agent.
 
@@ -371,6 +383,8 @@ def guide_map(
     guide : Guide
     others : sequence of Candidate, or of paths (T+1, 2)
         Drawn thin and dashed; the guide itself among them is left out.
+    title, ax
+        As in all `casswarm.figures`.
     """
     paths = [
         integrate(guide.positions[0], other.velocities, guide.dt)
@@ -380,7 +394,8 @@ def guide_map(
     ]
     shape, tie = guide.positions.shape, 1e-12 * np.abs(guide.positions).max()
     paths = [p for p in paths if p.shape != shape or np.abs(p - guide.positions).max() > tie]
-    fig, axes = base_map(scenario, [guide.positions, scenario.positions, *paths], guide.arrival)
+    shown = [guide.positions, scenario.positions, *paths]
+    fig, axes = base_map(scenario, shown, guide.arrival, ax)
     for number, path in enumerate(paths):
         label = "other candidate paths" if number == 0 else None
         axes.plot(*path.T, color=INK, lw=scaled(0.9), ls=(0, (4, 3)), zorder=3, label=label)
@@ -390,14 +405,21 @@ def guide_map(
     line.set(markersize=scaled(3.2), linewidth=scaled(1.6))
     line.set_label(f"guide, {counted(guide.arrival, 'step')}")
     add_start(axes, scenario.positions, "initial positions" if scenario.n > 1 else "start")
-    add_legend(fig, axes)
-    add_title(fig, scenario.name, f"guide, single-agent survival {guide.survival:.3g}")
+    add_legend(axes)
+    default = f"guide, single-agent survival {guide.survival:.3g}"
+    add_title(axes, heading(title, scenario.name, default))
     return fig
 
 
 @themed
 def cost_to_go_map(
-    scenario: Scenario, value: ValueFunction | CostToGoMap, guide: Guide, step: int = 0
+    scenario: Scenario,
+    value: ValueFunction | CostToGoMap,
+    guide: Guide,
+    step: int = 0,
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Survival to go at a step: that of the optimal path from every position, and its direction.
 
@@ -410,7 +432,8 @@ def cost_to_go_map(
         if isinstance(value, CostToGoMap)
         else CostToGoMap.from_value_function(value, low, high, step)
     )
-    fig, axes = single_panel(None, scenario.name, f"optimal direction at step {costs.step}")
+    default = f"optimal direction at step {costs.step}"
+    fig, axes = single_panel(None, heading(title, scenario.name, default), ax)
     set_extent(axes, low, high)
     survival = np.where(costs.survival > 0, costs.survival, np.nan)
     image = draw_field(axes, survival, Normalize(0.0, 1.0), "viridis")
@@ -419,7 +442,7 @@ def cost_to_go_map(
     _draw_arrows(axes, costs)
     axes.plot(*guide.positions.T, color=VERMILION, lw=scaled(1.8), zorder=4, label="guide")
     add_landmarks(axes, scenario, radars="white", step=costs.step)
-    add_legend(fig, axes)
+    add_legend(axes)
     return fig
 
 
@@ -436,22 +459,29 @@ def _draw_arrows(axes: Axes, costs: CostToGoMap) -> None:
 
 
 @themed
-def comparison_map(scenario: Scenario, guides: Mapping[str, Guide], title: str = "") -> Figure:
+def comparison_map(
+    scenario: Scenario,
+    guides: Mapping[str, Guide],
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Several guides with their single-agent survival and arrival, by name.
 
-    The title is by default the best known upper bound on survival.
+    The default title has the best known upper bound on survival.
     """
     labels = [
         f"{name},\nsurvival {guide.survival:.3g}, {counted(guide.arrival, 'step')}"
         for name, guide in guides.items()
     ]
     paths = [guide.positions for guide in guides.values()]
-    fig, axes = _paths_map(scenario, paths, labels)
+    fig, axes = _paths_map(scenario, paths, labels, ax=ax)
     add_start(axes, np.unique([path[0] for path in paths], axis=0))
-    add_legend(fig, axes)
+    add_legend(axes)
     bounds = [g.survival_bound for g in guides.values() if g.survival_bound is not None]
     bound = f"; upper bound {rounded_up(min(bounds)):.4f}" if bounds else ""
-    add_title(fig, scenario.name, title or f"single-agent survival of guides{bound}")
+    default = f"single-agent survival of guides{bound}"
+    add_title(axes, heading(title, scenario.name, default))
     return fig
 
 
@@ -460,8 +490,10 @@ def swarm_map(
     scenario: Scenario,
     trajectory: RunTrajectory,
     guide: Guide | None = None,
-    title: str = "",
+    title: str | None = "",
     corridors: bool = False,
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Paths of a run's members, with numbered crosses where they were destroyed.
 
@@ -471,14 +503,15 @@ def swarm_map(
     trajectory : RunTrajectory
     guide : Guide, optional
         Drawn dotted.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     corridors : bool
         Whether to draw the corridor around the guide.
     """
     ends = trajectory.last_steps()
     paths = [trajectory.positions[: end + 1, member] for member, end in enumerate(ends)]
     followed = np.empty((0, 2)) if guide is None else guide.positions
-    fig, axes = _paths_map(scenario, paths, contents=[followed])
+    fig, axes = _paths_map(scenario, paths, contents=[followed], ax=ax)
     if guide is not None:
         if corridors:
             add_corridor(axes, guide.positions, scenario.formation.rho)
@@ -486,15 +519,25 @@ def swarm_map(
         axes.plot(*guide.positions.T, color=INK, lw=scaled(0.9), ls=dots, zorder=5, label="guide")
     _mark_losses(axes, scenario, trajectory)
     _close_up(axes, scenario, paths, followed)
-    add_legend(fig, axes)
-    steps, survivors = counted(len(trajectory.alive) - 1, "step"), int(trajectory.alive[-1].sum())
-    add_title(fig, title or scenario.name, f"{survivors} of {len(paths)} alive after {steps}")
+    add_legend(axes)
+    add_title(axes, heading(title, scenario.name, ending(trajectory)))
     return fig
+
+
+def ending(trajectory: RunTrajectory) -> str:
+    """How a run ends, in words."""
+    steps, alive = counted(len(trajectory.alive) - 1, "step"), trajectory.alive[-1]
+    return f"{int(alive.sum())} of {len(alive)} alive after {steps}"
 
 
 @themed
 def joint_map(
-    scenario: Scenario, positions: FloatArray, survival: FloatArray | None = None, title: str = ""
+    scenario: Scenario,
+    positions: FloatArray,
+    survival: FloatArray | None = None,
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Paths of a joint plan up to the members' arrivals, with their survival in the legend.
 
@@ -504,7 +547,8 @@ def joint_map(
     positions : (T+1, n, 2)
     survival : (T+1, n), optional
         Survival probability of every member.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     """
     paths, labels = [], None
     for path in np.moveaxis(positions, 1, 0):
@@ -515,11 +559,11 @@ def joint_map(
             f"member {member},\nsurvival {survival[len(path) - 1, member]:.3f}"
             for member, path in enumerate(paths)
         ]
-    fig, axes = _paths_map(scenario, paths, labels, [positions.reshape(-1, 2)])
+    fig, axes = _paths_map(scenario, paths, labels, [positions.reshape(-1, 2)], ax)
     add_start(axes, positions[0])
     _close_up(axes, scenario, paths, np.empty((0, 2)))
-    add_legend(fig, axes)
-    add_title(fig, scenario.name, title)
+    add_legend(axes)
+    add_title(axes, heading(title, scenario.name))
     return fig
 
 
@@ -528,15 +572,18 @@ def _paths_map(
     paths: Sequence[FloatArray],
     labels: Sequence[str] | None = None,
     contents: Sequence[FloatArray] = (),
+    ax: AxesLike | None = None,
 ) -> tuple[Figure, Axes]:
     """Base map with paths (T_k+1, 2), by default of members, side by side where they coincide."""
-    fig, axes = base_map(scenario, [*paths, *contents])
-    draw_paths(axes, paths, SHARED * float(np.ptp(axes.get_xlim())))
+    fig, axes = base_map(scenario, [*paths, *contents], ax=ax)
+    displaced = draw_paths(axes, paths, SHARED * float(np.ptp(axes.get_xlim())))
     if len(paths) > len(MEMBERS):
         axes.plot([], [], label="members", **path_style(-1))
         return fig, axes
     for member, label in enumerate(labels or [f"member {k}" for k in range(len(paths))]):
         axes.plot([], [], label=label, **path_style(member))
+    if displaced:
+        axes.plot([], [], linestyle="", label="paths that coincide\nare drawn side by side")
     return fig, axes
 
 
