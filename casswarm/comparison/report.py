@@ -14,7 +14,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from .._util.documents import data_uri, figure_uri, render
-from .._util.text import counted
+from .._util.text import counted, shortened
 from ..solvers import SOLVERS
 from .charts import band_chart, gap_chart, profile_chart, ranking_chart, win_chart
 from .families import FAMILIES
@@ -309,9 +309,8 @@ def _number(value: float, form: str) -> str:
     return format(value, form) if np.isfinite(value) else ""
 
 
-def _shortened(text: str, length: int = 160) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= length else f"{line[: length - 3]}..."
+def _shortened(text: str) -> str:
+    return shortened(" ".join(text.split()), 160)
 
 
 # --- figures: profiles of all families; and of each its ranking, profiles, bands, pairs of solvers,

@@ -35,7 +35,7 @@ from ..guide.guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
-from .maps import GREYS, add_label, draw_field, pixels, set_extent
+from .maps import GREYS, add_label, clusters, count_of, draw_field, pixels, set_extent
 
 _PIXELS = 80
 _MAX = 1.5  # relative rate up to which the boundary of dangerous regions is interpolated
@@ -133,13 +133,20 @@ class Closeup:
 
     def _draw_lost(self, offsets: FloatArray, alive: BoolArray, lost: BoolArray) -> None:
         """Draw crosses, shifted where they would cover members that are alive."""
-        style = marker("X", 7, edge_width=0.9)
-        for member in np.flatnonzero(lost):
-            covers = self._near(offsets, offsets[member], np.flatnonzero(alive)).size
+        style, members = marker("X", 7, edge_width=0.9), np.flatnonzero(lost)
+        groups = clusters(offsets[members], _NEAR * self.half if not self.few else 0.0)
+        for near in groups:
+            point = offsets[members[near]].mean(axis=0)
+            covers = self._near(offsets, point, np.flatnonzero(alive)).size
             shift = -scaled(7) / 72 if covers else 0.0
             translation = ScaledTranslation(shift, shift, self.axes.figure.dpi_scale_trans)
             place = self.axes.transData + translation
-            self.artists += self.axes.plot(*offsets[member], transform=place, zorder=7, **style)
+            self.artists += self.axes.plot(*point, transform=place, zorder=7, **style)
+            if not self.few:
+                below = (-13.0, -12.0) if covers else (-6.0, -5.0)
+                label = {"ha": "right", "va": "top", "zorder": 8, "outlined": True}
+                text = count_of(near)
+                self.artists.append(add_label(self.axes, text, point, below, **label))
 
     def _label(
         self, offsets: FloatArray, members: BoolArray, others: BoolArray, crosses: bool = False

@@ -43,7 +43,7 @@ from ..guide.guide import Candidate, Guide
 from ..hazard import Hazard
 from ..motion.kinematics import integrate
 from ..scenario import Scenario
-from ..typing import FloatArray
+from ..typing import FloatArray, IntArray
 
 _OFFSET = 10.0  # points on a page from a point to the middle of its label
 _MAP = 0.62  # about the width of a map, as a fraction of its figure's
@@ -363,7 +363,7 @@ def _distances(points: FloatArray, path: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(offsets - fractions[:, :, None] * along, axis=2).min(axis=1))
 
 
-_NEAR = 0.03  # of a map's width: loss markers this close share a label
+LOSSES_NEAR = 0.03  # of a map's width: loss markers this close share a label
 
 
 @themed
@@ -607,17 +607,26 @@ def _mark_losses(axes: Axes, scenario: Scenario, trajectory: RunTrajectory) -> N
     few = trajectory.alive.shape[1] <= len(MEMBERS)
     last = trajectory.positions[trajectory.last_steps()[lost], lost]
     width = float(np.ptp(axes.get_xlim()))
-    cells = np.round(last / (1e-6 * width))
-    _, first, groups = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    points = last[first]
-    axes.plot(*points.T, zorder=6, label="destroyed", **marker("X", 7 if few else 6))
-    reach = _NEAR * width if few else 0.0
+    groups = clusters(last, LOSSES_NEAR * width)
+    points = np.array([last[near].mean(axis=0) for near in groups])
+    crosses = last if few else points
+    axes.plot(*crosses.T, zorder=6, label="destroyed", **marker("X", 7 if few else 6))
     labels = LabelPlaces(scenario, [*trajectory.positions, points], width)
-    unlabelled = list(range(len(points)))
-    while unlabelled:
-        near = [k for k in unlabelled if np.hypot(*(points[k] - points[unlabelled[0]])) <= reach]
-        unlabelled = [k for k in unlabelled if k not in near]
-        members = lost[np.isin(groups.reshape(-1), near)]
-        number = str(len(members)) if len(members) > 1 else ""
-        text = ", ".join(map(str, members)) if few else number
-        labels.add(axes, text, points[near].mean(axis=0))
+    for near, point in zip(groups, points, strict=True):
+        numbers = ", ".join(map(str, lost[near]))
+        labels.add(axes, numbers if few else count_of(near), point)
+
+
+def clusters(points: FloatArray, reach: float) -> list[IntArray]:
+    """Indices of points (N, 2) in groups, each within a distance of its first one."""
+    groups, left = [], np.arange(len(points))
+    while left.size:
+        near = np.hypot(*(points[left] - points[left[0]]).T) <= reach
+        groups.append(left[near])
+        left = left[~near]
+    return groups
+
+
+def count_of(members: IntArray) -> str:
+    """Text beside a cross that stands for several members."""
+    return f"×{len(members)}" if len(members) > 1 else ""

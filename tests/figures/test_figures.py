@@ -32,6 +32,7 @@ from PIL import Image
 from casswarm.chain import RunTrajectory
 from casswarm.figures import (
     THEMES,
+    animate,
     arrival_chart,
     band_chart,
     comparison_map,
@@ -364,6 +365,29 @@ def test_swarm_map_close_losses_share_label() -> None:
         positions[3, 2] = positions[2, 1] + [distance, 0.0]
         fig = swarm_map(SCENARIO, RunTrajectory(positions, alive, RUN.leaders))
         assert [text.get_text() for text in fig.axes[0].texts] == labels
+
+
+def large_swarm() -> RunTrajectory:
+    """Nine members, four of which are lost close to each other, and one elsewhere."""
+    positions = np.zeros((3, 9, 2)) + np.arange(9)[:, None] * [0.3, 0.1]
+    positions[:, :4] = [1.0, 1.0] + np.arange(4)[:, None] * [0.01, 0.0]
+    alive = np.ones((3, 9), bool)
+    alive[2, :5] = False
+    return RunTrajectory(positions, alive, np.full(2, -1))
+
+
+def test_crosses_of_close_losses_are_one_with_their_number() -> None:
+    run = large_swarm()
+    fig = swarm_map(SCENARIO, run)
+    (crosses,) = markers(fig.axes[0], "X")
+    assert len(np.ravel(crosses.get_xdata())) == 2
+    assert sorted(text.get_text() for text in fig.axes[0].texts) == ["", "×4"]
+    closeup = formation_chart(SCENARIO, run, steps=[2]).axes[0]
+    assert "×4" in [text.get_text() for text in closeup.texts]
+    moving = animate(SCENARIO, run)
+    moving.shown.show(len(moving.shown.centers) - 1)
+    assert len(markers(moving.shown.map, "X")) == 2
+    assert "×4" in [text.get_text() for text in moving.shown.map.texts]
 
 
 # --- charts
