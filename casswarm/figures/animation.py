@@ -200,9 +200,8 @@ class RunFigure:
     def _draw_lost(self, frame: int) -> None:
         """Draw crosses of the members lost so far; one of several at a place has their number."""
         lost = np.flatnonzero(~self.trajectory.alive[frame])
-        last = self.trajectory.positions[
-            np.minimum(frame, self.trajectory.last_steps())[lost], lost
-        ]
+        ends = np.minimum(frame, self.trajectory.last_steps())[lost]
+        last = self.trajectory.positions[ends, lost]
         style = marker("X", 6.5 if self.few else 4.5, edge_width=0.7)
         for near in clusters(last, LOSSES_NEAR * float(np.ptp(self.map.get_xlim()))):
             point = last[near].mean(axis=0)
