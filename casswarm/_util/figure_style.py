@@ -18,13 +18,14 @@ from typing import Any, ParamSpec, TypeAlias
 import numpy as np
 from matplotlib import rc_context, rc_params_from_file
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.text import Text
-from matplotlib.ticker import Locator, LogLocator, MaxNLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, LogLocator, MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 from typing_extensions import override
 
@@ -139,6 +140,8 @@ def themed(function: Callable[P, Figure]) -> Callable[P, Figure]:
             chosen = replace(chosen, width=_inches(np.ravel(given)[0]))
         with rc_context(settings(current_theme())), _drawing_in(chosen):
             fig = function(*args, **kwargs)
+            parents: list[Any] = [fig] if given is None else list(np.ravel(given))
+            _show_literally(parents)
             if given is not None:
                 return fig
             every = (axes for parent in fig.axes for axes in (parent, *parent.child_axes))
@@ -169,6 +172,23 @@ def settings(chosen: Theme) -> dict[Any, Any]:
 def scaled(size: float = 1.0) -> float:
     """Width of a line, or size of a marker, in points: `size` on a page."""
     return size * current_theme().line_scale
+
+
+def _show_literally(parents: list[Any]) -> None:
+    """Show dollar signs in names of users as they are, but formulas in titles and tick labels."""
+    kept = {each.heading if isinstance(each, ShownFigure) else each.title for each in parents}
+    for parent in parents:
+        for axis in parent.findobj(Axis):
+            names = isinstance(axis.get_major_formatter(), FuncFormatter)  # of set_ticks
+            if not (names and isinstance(axis.get_major_locator(), FixedLocator)):
+                kept |= set(axis.findobj(Text))
+        for text in set(parent.findobj(Text)) - kept:
+            text.set_parse_math(False)
+
+
+def literal(text: str) -> str:
+    """Text for titles that shows dollar signs of names in it."""
+    return text.replace("$", "\\$")
 
 
 class CenteredTitle(ConstrainedLayoutEngine):

@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .._util.documents import figure_uri, html_table
-from .._util.figure_style import AxesLike, add_legend, add_title, single_panel, themed
+from .._util.figure_style import AxesLike, add_legend, add_title, literal, single_panel, themed
 from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..chain.distribution import OutcomeDistribution
@@ -188,7 +188,7 @@ def _(result: Convergence) -> View:
     table = last.drop(columns="feasible").map(lambda x: f"{x:.6g}" if isinstance(x, float) else x)
     notes = "\n".join(f"{solver}: {reason}" for solver, reason in result.missing.items())
     title = f"{result.problem}, {result.start} start"
-    more = {"title": title, "order": result.solvers, "missing": tuple(result.missing)}
+    more = {"title": literal(title), "order": result.solvers, "missing": tuple(result.missing)}
     gaps = partial(gap_chart, result.iterates, **more)
     return View(f"Last iterates on {title}", table, lambda _, **options: gaps(**options), notes)
 

@@ -259,6 +259,18 @@ def test_title_replaces_the_default_and_none_removes_it(what: str) -> None:
     assert ONE_PANEL[what](title=None).get_suptitle() == ""
 
 
+def test_names_with_dollar_signs_are_shown_as_they_are() -> None:
+    odd = r"$\frac$"
+    fig = profile_chart({odd: PROFILE.rename(columns={"fast": odd})}, "factor", r"$\alpha$")
+    fig.canvas.draw()
+    assert odd in text_of(fig)
+    user, axes = two_axes()
+    axes[0].set_ylabel(r"$\beta$")
+    success_chart(SUMMARY.assign(policy=[odd, "b"]), ax=axes[0])
+    user.draw_without_rendering()
+    assert axes[0].yaxis.label.get_parse_math()
+
+
 def test_figure_of_panels_with_one_axes_raises() -> None:
     fig, axes = two_axes()
     with pytest.raises(ValueError, match="ax has 1 axes for a figure of 2 panels; pass as many"):
