@@ -29,7 +29,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, LogLocator, 
 from matplotlib.transforms import ScaledTranslation
 from typing_extensions import override
 
-from ..typing import FloatArray, ThemeName
+from ..typing import ThemeName
 from .documents import figure_bytes
 
 P = ParamSpec("P")
@@ -179,6 +179,7 @@ def _show_literally(parents: list[Any]) -> None:
     kept = {each.heading if isinstance(each, ShownFigure) else each.title for each in parents}
     for parent in parents:
         for axis in parent.findobj(Axis):
+            kept.add(axis.label)
             names = isinstance(axis.get_major_formatter(), FuncFormatter)  # of set_ticks
             if not (names and isinstance(axis.get_major_locator(), FixedLocator)):
                 kept |= set(axis.findobj(Text))
@@ -391,7 +392,7 @@ def add_legend(
     shown: list[Any] = list(axes.get_legend_handles_labels()[0] if handles is None else handles)
     if ncols is None:
         if not (chosen.narrow or is_given(axes)):
-            style = {"loc": "outside right center", "borderpad": 1.0} | options
+            style: dict[str, Any] = {"loc": "outside right center", "borderpad": 1.0} | options
             return fig.legend(handles=shown, **style)
         longest = max(len(part) for each in shown for part in str(each.get_label()).split("\n"))
         ncols = int(chosen.characters / (0.83 * (longest + 9)))  # handle and gaps are 9 wide
@@ -407,18 +408,18 @@ class DecadeTicks(Locator):
     """Ticks of a logarithmic axis: powers of ten, or parts of them where it has few."""
 
     @override
-    def __call__(self) -> FloatArray:
+    def __call__(self) -> list[float]:
         assert self.axis is not None
         return self.tick_values(*self.axis.get_view_interval())
 
     @override
-    def tick_values(self, vmin: float, vmax: float) -> FloatArray:
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
         low, high = sorted((vmin, vmax))
         decades = np.log10(high / low)
         if decades < 1.0:
-            return np.asarray(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+            return list(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
         parts = (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
-        return np.asarray(LogLocator(subs=parts, numticks=7).tick_values(low, high))
+        return list(LogLocator(subs=parts, numticks=7).tick_values(low, high))
 
 
 def marker(

@@ -144,7 +144,7 @@ class Closeup:
             self.artists += self.axes.plot(*point, transform=place, zorder=7, **style)
             if not self.few:
                 below = (-13.0, -12.0) if covers else (-6.0, -5.0)
-                label = {"ha": "right", "va": "top", "zorder": 8, "outlined": True}
+                label: dict[str, Any] = {"ha": "right", "va": "top", "zorder": 8, "outlined": True}
                 text = count_of(near)
                 self.artists.append(add_label(self.axes, text, point, below, **label))
 

@@ -188,7 +188,11 @@ def _(result: Convergence) -> View:
     table = last.drop(columns="feasible").map(lambda x: f"{x:.6g}" if isinstance(x, float) else x)
     notes = "\n".join(f"{solver}: {reason}" for solver, reason in result.missing.items())
     title = f"{result.problem}, {result.start} start"
-    more = {"title": literal(title), "order": result.solvers, "missing": tuple(result.missing)}
+    more: dict[str, Any] = {
+        "title": literal(title),
+        "order": result.solvers,
+        "missing": tuple(result.missing),
+    }
     gaps = partial(gap_chart, result.iterates, **more)
     return View(f"Last iterates on {title}", table, lambda _, **options: gaps(**options), notes)
 
