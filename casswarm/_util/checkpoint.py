@@ -31,7 +31,7 @@ from .files import (
     read_arrays,
     read_json,
 )
-from .text import shown
+from .text import shortened, shown
 
 IfExists = Literal["error", "resume", "overwrite"]
 """What to do with a folder that holds a study: see `Checkpoint`."""
@@ -271,8 +271,7 @@ def _arrays_of(path: Path, header: bytes) -> bytes | None:
 
 
 def _shortened(value: Any) -> str:
-    text = "nothing" if value is None else json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return "nothing" if value is None else shortened(json.dumps(value))
 
 
 def file_name(text: str) -> str:

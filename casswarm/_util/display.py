@@ -22,7 +22,9 @@ class Displayed:
     nor figures.
     """
 
-    def plot(self, scenario: Any = None, *, theme: ThemeName | None = None) -> Figure:
+    def plot(
+        self, scenario: Any = None, *, theme: ThemeName | None = None, **options: Any
+    ) -> Figure:
         """Picture of the result.
 
         Parameters
@@ -31,13 +33,16 @@ class Displayed:
             For a guide or a joint plan, which do not hold theirs: its hazard and target are drawn.
         theme : {"page", "column", "slide"}, optional
             Size of the figure: see `casswarm.figures.theme`; by default that of the context.
+        **options
+            ``title=`` and ``ax=``, as of all `casswarm.figures`: a text or None for no title; the
+            axes of matplotlib to draw into, of which the figure is returned.
 
         Returns
         -------
         Figure
             Of matplotlib, which notebooks show and `casswarm.figures.save` writes.
         """
-        figure: Figure = import_module(RENDERER).figure(self, scenario, theme)
+        figure: Figure = import_module(RENDERER).figure(self, scenario, theme, **options)
         return figure
 
     def _repr_html_(self) -> str:

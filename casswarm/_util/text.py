@@ -43,3 +43,13 @@ def printable(text: str) -> str:
     what was printed, or turn around the order of what is read.
     """
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
+def shortened(text: str, length: int = 60) -> str:
+    """Text of somebody else, cut to a length at which a message remains readable."""
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def quoted(value: object, length: int = 60) -> str:
+    """Representation of a value of somebody else, cut to a length."""
+    return shortened(repr(value), length)

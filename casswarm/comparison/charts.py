@@ -12,14 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator, SymmetricalLogLocator
 
 from .._util.figure_style import (
     GREY,
     INK,
     MEMBERS,
+    AxesLike,
+    DecadeTicks,
+    add_legend,
     current_theme,
     despine,
+    label_outer,
+    label_panels,
     marker,
     panels,
     scaled,
@@ -41,9 +46,11 @@ _DECADES = 20  # maximum number of powers of two on an axis
 def profile_chart(
     profiles: Mapping[str, pd.DataFrame],
     xlabel: str | Sequence[str],
-    title: str = "",
+    title: str | None = "",
     order: Sequence[str] = (),
     ylabel: str | Sequence[str] = "fraction of problems",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Performance, data or quality profiles, two side by side, labelled at the end of every curve.
 
@@ -54,14 +61,15 @@ def profile_chart(
         curves rise.
     xlabel, ylabel : str or sequence of str
         Of all panels, or of each.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     order : sequence of str
         All solvers, so that each has the same style in all figures.
     """
     count = len(profiles)
     across = 1 if current_theme().narrow else min(2, count)
     aspect = 0.72 * count if across == 1 else (0.9 / across + 0.04) * -(-count // across)
-    fig, axes = panels(count, across, aspect, title)
+    fig, axes = panels(count, across, aspect, title or "", ax)
     names = list(order) or list(next(iter(profiles.values())).columns)
     below, beside = ([text] * count if isinstance(text, str) else text for text in (xlabel, ylabel))
     for i, (panel, (name, profile)) in enumerate(zip(axes, profiles.items(), strict=True)):
@@ -69,24 +77,27 @@ def profile_chart(
         panel.set_title(wrap(name, 0.72 / across))
         panel.set(xlabel=below[i], ylabel=beside[i])
         if isinstance(xlabel, str):
-            panel.label_outer()
+            label_outer(panel)
     return fig
 
 
 @themed
 def pair_chart(
-    profiles: Mapping[tuple[str, str], pd.DataFrame], title: str = "", order: Sequence[str] = ()
+    profiles: Mapping[tuple[str, str], pd.DataFrame],
+    title: str | None = "",
+    order: Sequence[str] = (),
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Performance profiles of pairs of solvers, a panel per pair."""
     columns = min(2 if current_theme().narrow else 4, max(1, len(profiles)))
     aspect = min(0.6, 0.95 / columns + 0.08) * -(-len(profiles) // columns)
-    fig, axes = panels(len(profiles), columns, aspect, title)
+    fig, axes = panels(len(profiles), columns, aspect, title or "", ax)
     names = list(order) or sorted({name for pair in profiles for name in pair})
     for panel, profile in zip(axes, profiles.values(), strict=True):
         _curves(panel, profile, names, labels=False)
         panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderpad=0.1, labelspacing=0.2)
-    fig.supxlabel("time relative to the faster of the two", fontsize="medium")
-    fig.supylabel("fraction of problems", fontsize="medium")
+    label_panels(axes, "time relative to the faster of the two", "fraction of problems")
     return fig
 
 
@@ -95,8 +106,10 @@ def band_chart(
     profile: pd.DataFrame,
     bands: tuple[pd.DataFrame, pd.DataFrame],
     xlabel: str,
-    title: str = "",
+    title: str | None = "",
     order: Sequence[str] = (),
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """A profile with error bands: a panel per solver, in which the others are grey.
 
@@ -106,14 +119,16 @@ def band_chart(
         As in `profile_chart`.
     bands : DataFrame, DataFrame
         Lower and upper ends, of the same shape.
-    xlabel, title, order
+    xlabel, title, order, ax
         As in `profile_chart`.
     """
     theme = current_theme()
     columns = min(2 if theme.narrow else 3, len(profile.columns))
     rows = -(-len(profile.columns) // columns)
     aspect = (0.75 if columns > 1 else 0.5) / columns * rows + 0.06
-    fig, axes = panels(len(profile.columns), columns, aspect, title, sharex=True, sharey=True)
+    fig, axes = panels(
+        len(profile.columns), columns, aspect, title or "", ax, sharex=True, sharey=True
+    )
     names = list(order) or list(profile.columns)
     ends = [_steps(table) for table in (profile, *bands)]
     for column, (panel, name) in enumerate(zip(axes, profile.columns, strict=True)):
@@ -129,17 +144,16 @@ def band_chart(
         _logarithmic(panel, x)
     for panel in axes[-columns:]:  # the last of each column
         panel.tick_params(labelbottom=True)
-    fig.supxlabel(xlabel, fontsize="medium")
-    fig.supylabel("fraction of problems", fontsize="medium")
+    label_panels(axes, xlabel, "fraction of problems")
     return fig
 
 
 @themed
-def win_chart(wins: pd.DataFrame, title: str = "") -> Figure:
+def win_chart(wins: pd.DataFrame, title: str | None = "", *, ax: AxesLike | None = None) -> Figure:
     """Fraction of problems for which the row's solver is faster than the column's, as a matrix."""
     size = len(wins)
     aspect = 0.18 + 0.394 * scaled() * size / current_theme().width
-    fig, axes = single_panel(min(1.1, aspect), title)
+    fig, axes = single_panel(min(1.1, aspect), title or "", ax)
     values = wins.to_numpy(dtype=float)
     axes.imshow(np.nan_to_num(values), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
     fontsize = "small" if size <= 6 else "x-small"
@@ -245,7 +259,12 @@ _LIMITS = 1e-12, 1e12
 
 @themed
 def gap_chart(
-    iterates: pd.DataFrame, title: str = "", order: Sequence[str] = (), missing: Sequence[str] = ()
+    iterates: pd.DataFrame,
+    title: str | None = "",
+    order: Sequence[str] = (),
+    missing: Sequence[str] = (),
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Relative gap to the best known objective, over iterations and over time.
 
@@ -256,7 +275,7 @@ def gap_chart(
     iterates : DataFrame
         Columns solver, iteration, seconds, gap and feasible: see
         `casswarm.comparison.Convergence`.
-    title, order
+    title, order, ax
         As in `profile_chart`.
     missing : sequence of str
         Solvers that took part and report no iterates.
@@ -265,7 +284,9 @@ def gap_chart(
     theme = current_theme()
     across = 1 if theme.narrow else 2
     lines = 16 if across == 2 else 30
-    fig, axes = panels(2, across, theme.aspect_of(lines + len(names) / 2), title, sharey=True)
+    fig, axes = panels(
+        2, across, theme.aspect_of(lines + len(names) / 2), title or "", ax, sharey=True
+    )
     for panel, column, unit in zip(axes, ("iteration", "seconds"), (1.0, 1e3), strict=True):
         for name, part in iterates.groupby("solver", sort=False):
             _path(panel, unit * part[column], part, names.index(str(name)))
@@ -273,14 +294,16 @@ def gap_chart(
         despine(panel)
     axes[0].set_xscale("symlog", linthresh=1.0, linscale=0.5)
     axes[0].set(xlabel="iteration", xlim=(0.0, None))
+    parts = (1.0, 2.0, 5.0) if axes[0].get_xlim()[1] < 50 else (1.0,)
+    axes[0].xaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=1, subs=parts))
     axes[1].set(xlabel="time in ms", xscale="log")
     for panel in axes:
         panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes[1].xaxis.set_major_locator(LogLocator(numticks=7))
+    axes[1].xaxis.set_major_locator(DecadeTicks())
     axes[1].xaxis.set_minor_locator(NullLocator())
     if across == 2:
         axes[1].set_ylabel("")
-    legend = _add_legend(fig, [n for n in names if n in set(iterates["solver"])], names)
+    legend = _add_legend(axes[-1], [n for n in names if n in set(iterates["solver"])], names)
     if missing:
         legend.set_title(wrap(f"without iterates: {', '.join(missing)}"))
     return fig
@@ -297,29 +320,35 @@ def _path(axes: Axes, x: pd.Series, part: pd.DataFrame, number: int) -> None:
         axes.plot(np.where(shown, at, np.nan), gap, **points)
 
 
-def _add_legend(fig: Figure, drawn: Sequence[str], names: Sequence[str]) -> Legend:
+def _add_legend(axes: Axes, drawn: Sequence[str], names: Sequence[str]) -> Legend:
     handles = [Line2D([], [], label=name, **solver_style(names.index(name))) for name in drawn]
     for label, face in (("feasible", GREY), ("infeasible", "white")):
         style = marker("o", 3.6, face, GREY, 0.7)
         handles.append(Line2D([], [], label=label, **style))
     style = {"fontsize": "small", "title_fontsize": "small"}
     columns = 2 if current_theme().narrow else 5
-    return fig.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
+    return add_legend(axes, handles, columns, **style)
 
 
 @themed
-def ranking_chart(ranking: pd.DataFrame, title: str = "", order: Sequence[str] = ()) -> Figure:
+def ranking_chart(
+    ranking: pd.DataFrame,
+    title: str | None = "",
+    order: Sequence[str] = (),
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Mean times with 95 % intervals, and the probability of every rank: a row per solver.
 
     Parameters
     ----------
     ranking : DataFrame
         Of one family and start, from `casswarm.comparison.ranking`, the best first.
-    title, order
+    title, order, ax
         As in `profile_chart`.
     """
     names = list(order) or list(ranking["solver"])
-    fig, axes = single_panel(current_theme().aspect_of(6 + 1.7 * len(ranking)), title)
+    fig, axes = single_panel(current_theme().aspect_of(6 + 1.7 * len(ranking)), title or "", ax)
     for y, row in enumerate(ranking.to_dict("records")):
         color = solver_style(names.index(row["solver"]))["color"]
         ends = row["mean_ms_low"], row["mean_ms_high"]
@@ -333,8 +362,7 @@ def ranking_chart(ranking: pd.DataFrame, title: str = "", order: Sequence[str] =
     axes.set_yticks(range(len(ranking)), list(ranking["solver"]))
     axes.set_ylim(len(ranking) - 0.4, -0.6)
     axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 1e3 * low else (1,)))
+    axes.xaxis.set_major_locator(DecadeTicks())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
     label, note = "mean solve time in ms, with 95 % interval", rank_note(ranking)

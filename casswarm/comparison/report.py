@@ -14,7 +14,8 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from .._util.documents import data_uri, figure_uri, render
-from .._util.text import counted
+from .._util.figure_style import literal
+from .._util.text import counted, shortened
 from ..solvers import SOLVERS
 from .charts import band_chart, gap_chart, profile_chart, ranking_chart, win_chart
 from .families import FAMILIES
@@ -82,7 +83,10 @@ class Report:
 
     def _rendered(self, blocks: str, sources: Mapping[str, str]) -> str:
         pictures = {
-            name: {"source": source, "alt": self.figures[name].keywords["title"]}
+            name: {
+                "source": source,
+                "alt": self.figures[name].keywords["title"].replace("\\$", "$"),
+            }
             for name, source in sources.items()
         }
         return render("comparison.jinja", blocks=blocks, pictures=pictures, **self.content)
@@ -309,9 +313,8 @@ def _number(value: float, form: str) -> str:
     return format(value, form) if np.isfinite(value) else ""
 
 
-def _shortened(text: str, length: int = 160) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= length else f"{line[: length - 3]}..."
+def _shortened(text: str) -> str:
+    return shortened(" ".join(text.split()), 160)
 
 
 # --- figures: profiles of all families; and of each its ranking, profiles, bands, pairs of solvers,
@@ -386,7 +389,7 @@ def _group_figures(
             partial(
                 gap_chart,
                 history.iterates,
-                title=f"{problem}, {start} start: convergence",
+                title=f"{literal(problem)}, {start} start: convergence",
                 order=order,
                 missing=tuple(history.missing),
             ),
@@ -421,5 +424,5 @@ def _profiles(panels: Iterable[_Panel], title: str, order: Sequence[str]) -> Dra
 def _title(family: str, start: str, times: pd.DataFrame) -> str:
     number = times.index.nunique()
     copies = len(times) // number - 1
-    text = f"{family}, {start} start, {counted(number, 'problem')}"
+    text = f"{literal(family)}, {start} start, {counted(number, 'problem')}"
     return f"{text} and {counted(copies, 'copy', 'copies')} of each" if copies else text

@@ -44,8 +44,8 @@ def _figure(scenario: Scenario, step: int, positions: FloatArray, alive: BoolArr
     fig, axes = base_map(scenario, [scenario.positions])
     add_start(axes, scenario.positions)
     axes.plot(*positions[alive].T, zorder=6, label="living", **marker("o", 6, BLUE))
-    add_legend(fig, axes)
-    add_title(fig, scenario.name, f"step {step} of {scenario.n_steps}, {alive.sum()} alive")
+    add_legend(axes)
+    add_title(axes, f"{scenario.name}: step {step} of {scenario.n_steps}, {alive.sum()} alive")
     return fig
 
 

@@ -1,6 +1,10 @@
 """Figures: functions that take data and return a matplotlib Figure, neither shown nor written.
 
-They are drawn in the theme of their context, ``with theme("column"): ...``; see `THEMES`.
+They are drawn in the theme of their context, ``with theme("column"): ...``; see `THEMES`. All take
+
+- ``title``: a text instead of the default title, or None for no title;
+- ``ax``: axes of matplotlib to draw into, whose figure is returned; a sequence of as many for
+  figures of several panels, which have no common title then.
 """
 
 import lazy_loader

@@ -50,7 +50,15 @@ from .formations import (
     legend_handles,
     window,
 )
-from .maps import add_radars, draw_base_map, pixels
+from .maps import (
+    LOSSES_NEAR,
+    add_label,
+    add_radars,
+    clusters,
+    count_of,
+    draw_base_map,
+    pixels,
+)
 
 _PIXELS = 110
 
@@ -185,8 +193,23 @@ class RunFigure:
             elif alive[member]:
                 style = marker("o", size, color, "white", 0.7)
             else:
-                style = marker("X", size, edge_width=0.7)
+                continue
             self.artists += self.map.plot(*path[-1], zorder=7 if leads else 6, **style)
+        self._draw_lost(frame)
+
+    def _draw_lost(self, frame: int) -> None:
+        """Draw crosses of the members lost so far; one of several at a place has their number."""
+        lost = np.flatnonzero(~self.trajectory.alive[frame])
+        ends = np.minimum(frame, self.trajectory.last_steps())[lost]
+        last = self.trajectory.positions[ends, lost]
+        style = marker("X", 6.5 if self.few else 4.5, edge_width=0.7)
+        for near in clusters(last, LOSSES_NEAR * float(np.ptp(self.map.get_xlim()))):
+            point = last[near].mean(axis=0)
+            self.artists += self.map.plot(*point, zorder=6, **style)
+            label = {"ha": "left", "va": "bottom", "zorder": 8}
+            self.artists.append(
+                add_label(self.map, count_of(near), point, (3, 3), outlined=True, **label)
+            )
 
     def _heading(self, frame: int) -> str:
         alive = self.trajectory.alive[frame]

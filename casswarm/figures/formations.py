@@ -20,7 +20,11 @@ from .._util.figure_style import (
     GREY,
     MEMBERS,
     VERMILION,
+    AxesLike,
+    add_legend,
     current_theme,
+    heading,
+    label_outer,
     marker,
     panels,
     scaled,
@@ -31,7 +35,7 @@ from ..guide.guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
-from .maps import GREYS, add_label, draw_field, pixels, set_extent
+from .maps import GREYS, add_label, clusters, count_of, draw_field, pixels, set_extent
 
 _PIXELS = 80
 _MAX = 1.5  # relative rate up to which the boundary of dangerous regions is interpolated
@@ -129,13 +133,20 @@ class Closeup:
 
     def _draw_lost(self, offsets: FloatArray, alive: BoolArray, lost: BoolArray) -> None:
         """Draw crosses, shifted where they would cover members that are alive."""
-        style = marker("X", 7, edge_width=0.9)
-        for member in np.flatnonzero(lost):
-            covers = self._near(offsets, offsets[member], np.flatnonzero(alive)).size
+        style, members = marker("X", 7, edge_width=0.9), np.flatnonzero(lost)
+        groups = clusters(offsets[members], _NEAR * self.half if not self.few else 0.0)
+        for near in groups:
+            point = offsets[members[near]].mean(axis=0)
+            covers = self._near(offsets, point, np.flatnonzero(alive)).size
             shift = -scaled(7) / 72 if covers else 0.0
             translation = ScaledTranslation(shift, shift, self.axes.figure.dpi_scale_trans)
             place = self.axes.transData + translation
-            self.artists += self.axes.plot(*offsets[member], transform=place, zorder=7, **style)
+            self.artists += self.axes.plot(*point, transform=place, zorder=7, **style)
+            if not self.few:
+                below = (-13.0, -12.0) if covers else (-6.0, -5.0)
+                label: dict[str, Any] = {"ha": "right", "va": "top", "zorder": 8, "outlined": True}
+                text = count_of(near)
+                self.artists.append(add_label(self.axes, text, point, below, **label))
 
     def _label(
         self, offsets: FloatArray, members: BoolArray, others: BoolArray, crosses: bool = False
@@ -215,10 +226,11 @@ def formation_chart(
     scenario: Scenario,
     trajectory: RunTrajectory,
     guide: Guide | None = None,
-    title: str = "",
+    title: str | None = "",
     *,
     steps: Sequence[int] | None = None,
     corridors: bool = False,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Close-ups of the formation at several steps, centred on the guide.
 
@@ -231,7 +243,8 @@ def formation_chart(
     trajectory : RunTrajectory
     guide : Guide, optional
         Centre of every panel; by default that is the mean of the members alive.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     steps : sequence of int, optional
         By default the first and the last, those at which members are lost, and some in between.
     corridors : bool
@@ -253,15 +266,15 @@ def formation_chart(
     columns = min(across, len(chosen))
     shape = (1.05 if narrow else 0.95) * -(-len(chosen) // columns) / columns
     aspect = shape + (0.16 if narrow else 0.06)
-    heading = title or scenario.name, f"formation around {'the guide' if guide else 'its mean'}"
-    fig, axes = panels(len(chosen), columns, aspect, *heading, sharex=True, sharey=True)
+    text = heading(title, scenario.name, formation_title(guide))
+    fig, axes = panels(len(chosen), columns, aspect, text, ax, sharex=True, sharey=True)
     centers = formation_centers(trajectory, guide)
     half = window(trajectory, centers)
     what = {"marked": guide is not None, "corridors": corridors}
     for panel, step in zip(axes, chosen, strict=True):
         Closeup(panel, scenario, trajectory, centers, half, **what).show(step)
         panel.set_title(caption(step, trajectory.alive[step]), fontsize="small")
-        panel.label_outer()
+        label_outer(panel)
     fig.colorbar(
         axes[0].images[0],
         ax=axes,
@@ -271,8 +284,13 @@ def formation_chart(
         label="hazard rate\nrelative to an isolated agent",
     )
     handles = legend_handles(trajectory, guide is not None, corridors)
-    fig.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else len(handles))
+    add_legend(axes[-1], handles, 2 if narrow else len(handles))
     return fig
+
+
+def formation_title(guide: Guide | None) -> str:
+    """What close-ups are centred on, in words."""
+    return f"formation around {'its mean' if guide is None else 'the guide'}"
 
 
 def representative_steps(trajectory: RunTrajectory, number: int) -> list[int]:

@@ -12,11 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.patches import Circle, PathPatch, Rectangle
-from matplotlib.path import Path
-from matplotlib.patheffects import AbstractPathEffect, withStroke
+from matplotlib.patches import Circle, Rectangle
+from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
-from matplotlib.transforms import IdentityTransform
 
 from .._util.figure_style import (
     BLUE,
@@ -24,9 +22,11 @@ from .._util.figure_style import (
     MEMBERS,
     SKY,
     VERMILION,
+    AxesLike,
     add_legend,
     add_title,
     current_theme,
+    heading,
     marker,
     scaled,
     single_panel,
@@ -41,7 +41,8 @@ from ..guide.guide import Candidate, Guide
 from ..hazard import Hazard
 from ..motion.kinematics import integrate
 from ..scenario import Scenario
-from ..typing import FloatArray
+from ..typing import FloatArray, IntArray
+from .member_paths import SHARED, add_closeup, draw_paths, path_style
 
 _OFFSET = 10.0  # points on a page from a point to the middle of its label
 _MAP = 0.62  # about the width of a map, as a fraction of its figure's
@@ -104,13 +105,16 @@ GREYS = LinearSegmentedColormap.from_list("greys", colormaps["Greys"](np.linspac
 
 
 def base_map(
-    scenario: Scenario, contents: Sequence[FloatArray], step: int | None = None
+    scenario: Scenario,
+    contents: Sequence[FloatArray],
+    step: int | None = None,
+    ax: AxesLike | None = None,
 ) -> tuple[Figure, Axes]:
     """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`.
 
     Rates that depend on time are those after `step` steps, by default the last one.
     """
-    fig, axes = single_panel()
+    fig, axes = single_panel(ax=ax)
     image = draw_base_map(axes, scenario, *scenario.extent(contents), step)
     when = f" after step {_shown(scenario, step)}" if scenario.hazard.changes else ""
     add_colorbar(axes, image, f"single-agent hazard rate{when}, per unit time", extend="max")
@@ -232,136 +236,17 @@ def add_corridor(axes: Axes, path: FloatArray, rho: float) -> None:
     axes.add_patch(Rectangle(path[0], 0, 0, color=SKY, alpha=0.45, linewidth=0, label="corridor"))
 
 
-_LINE = 1.1  # points on a page: width of a path
-_GAP = 1.6  # points on a page: between the middles of paths side by side
-SHARED = 0.008  # of a map's width: paths this close are drawn side by side
-_INSET = 0.4  # side of a close-up, as a fraction of the map's shorter side
-_LEAST_ZOOM = 1.5  # below, a close-up shows no more than the map
-
-
-class SideShift(AbstractPathEffect):
-    """Shift of a path to its left, by a distance in points for every vertex."""
-
-    def __init__(self, distances: FloatArray) -> None:
-        super().__init__()
-        self.distances = distances
-
-    def draw_path(
-        self, renderer: Any, gc: Any, tpath: Path, affine: Any, rgbFace: Any = None
-    ) -> None:
-        """Draw the path shifted."""
-        points = np.asarray(affine.transform(tpath.vertices))
-        ahead = np.gradient(points, axis=0)
-        left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
-        left /= np.maximum(np.hypot(*left.T), 1e-12)[:, None]
-        pixels = renderer.points_to_pixels(1.0) * self.distances
-        shifted = Path(points + pixels[:, None] * left)
-        renderer.draw_path(gc, shifted, IdentityTransform(), rgbFace)
-
-
-def draw_paths(axes: Axes, paths: Sequence[FloatArray], near: float) -> None:
-    """Draw paths (T_k+1, 2), side by side where they are within the distance `near`.
-
-    Paths of more members than there are colours are drawn alike, where they are.
-    """
-    few = len(paths) <= len(MEMBERS)
-    shifts = side_shifts(paths, near) if few else []
-    for member, path in enumerate(paths):
-        style = path_style(member if few else -1)
-        patch = PathPatch(Path(path), fill=False, capstyle="round", zorder=4, **style)
-        if few:
-            patch.set_path_effects([SideShift(scaled(_GAP) * shifts[member])])
-        axes.add_patch(patch)
-
-
-def path_style(member: int) -> dict[str, Any]:
-    """Colour and width of a member's path; of those of many members if it is negative."""
-    if member < 0:
-        return {"color": BLUE, "linewidth": scaled(0.6), "alpha": 0.55}
-    return {"color": MEMBERS[member], "linewidth": scaled(_LINE)}
-
-
-def add_closeup(axes: Axes, paths: Sequence[FloatArray], obstacles: FloatArray) -> Axes | None:
-    """Add a close-up of where paths join, in a place of a map without paths and `obstacles` (N, 2).
-
-    There is none where paths do not join, the map shows that as well, or has no such place.
-    """
-    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
-    side = _INSET * float((high - low).min())
-    joining = joining_window(paths)
-    if joining is None or side / joining[1] < _LEAST_ZOOM:
-        return None
-    corner, width = joining
-    shown = corner + width * np.array([[0, 0], [0, 1], [1, 0], [1, 1], [0.5, 0.5]])
-    place = free_place(low, high, side, np.vstack([*paths, obstacles, shown]))
-    if place is None:
-        return None
-    bounds = [*(place - low) / (high - low), *side / (high - low)]
-    inset = axes.inset_axes((bounds[0], bounds[1], bounds[2], bounds[3]), zorder=5)
-    inset.set(xlim=(corner[0], corner[0] + width), ylim=(corner[1], corner[1] + width))
-    inset.set(xticks=[], yticks=[], facecolor="white")
-    draw_paths(inset, paths, SHARED * width * float((high - low)[0]) / side)
-    axes.indicate_inset_zoom(inset, edgecolor=INK, linewidth=scaled(0.6), alpha=0.8)
-    return inset
-
-
-def joining_window(paths: Sequence[FloatArray]) -> tuple[FloatArray, float] | None:
-    """Corner (2,) and side of a square that holds all paths until they are half as far apart."""
-    steps = min(map(len, paths))
-    positions = np.stack([path[:steps] for path in paths], axis=1)
-    spread = np.ptp(positions, axis=1).max(axis=1)
-    joined = np.flatnonzero(spread <= 0.5 * spread[0])
-    if spread[0] <= 0 or not joined.size:
-        return None
-    shown = positions[: joined[0] + 1].reshape(-1, 2)
-    width = 1.3 * float(np.ptp(shown, axis=0).max())
-    return np.asarray((shown.min(axis=0) + shown.max(axis=0) - width) / 2), width
-
-
-def free_place(
-    low: FloatArray, high: FloatArray, side: float, points: FloatArray
-) -> FloatArray | None:
-    """Lower left corner (2,) of a square without points (N, 2), nearest to the last of them."""
-    margin = 0.03 * (high - low).min()
-    ways = [np.linspace(low[k] + margin, high[k] - margin - side, 9) for k in (0, 1)]
-    corners = np.stack(np.meshgrid(*ways), axis=-1).reshape(-1, 2)
-    beyond = np.abs(points - (corners + side / 2)[:, None]) - side / 2
-    free = corners[beyond.max(axis=2).min(axis=1) > margin]
-    distances = np.linalg.norm(free + side / 2 - points[-1], axis=1)
-    return np.asarray(free[int(np.argmin(distances))]) if len(free) else None
-
-
-def side_shifts(paths: Sequence[FloatArray], near: float) -> list[FloatArray]:
-    """Shifts (T_k+1,) to the left of every path, in units of a gap, so that none covers another.
-
-    The paths that pass a point within the distance `near` have neighbouring places there, in their
-    order and centred; a path on its own is not shifted.
-    """
-    shifts = []
-    for member, path in enumerate(paths):
-        present = np.stack([_distances(path, other) <= near for other in paths])
-        present[member] = True
-        shifts.append(present[:member].sum(axis=0) - (present.sum(axis=0) - 1) / 2)
-    return shifts
-
-
-def _distances(points: FloatArray, path: FloatArray) -> FloatArray:
-    """Distances (N,) of points (N, 2) from a path (T+1, 2)."""
-    if len(path) < 2:
-        return np.asarray(np.hypot(*(points - path[0]).T))
-    along = np.diff(path, axis=0)
-    offsets = points[:, None] - path[:-1]
-    squares = np.maximum((along**2).sum(axis=1), 1e-300)
-    fractions = np.clip((offsets * along).sum(axis=2) / squares, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(offsets - fractions[:, :, None] * along, axis=2).min(axis=1))
-
-
-_NEAR = 0.03  # of a map's width: loss markers this close share a label
+LOSSES_NEAR = 0.03  # of a map's width: loss markers this close share a label
 
 
 @themed
 def guide_map(
-    scenario: Scenario, guide: Guide, others: Sequence[Candidate | FloatArray] = ()
+    scenario: Scenario,
+    guide: Guide,
+    others: Sequence[Candidate | FloatArray] = (),
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Guide with its corridor on the hazard rates of an isolated agent.
 
@@ -371,6 +256,8 @@ def guide_map(
     guide : Guide
     others : sequence of Candidate, or of paths (T+1, 2)
         Drawn thin and dashed; the guide itself among them is left out.
+    title, ax
+        As in all `casswarm.figures`.
     """
     paths = [
         integrate(guide.positions[0], other.velocities, guide.dt)
@@ -380,7 +267,8 @@ def guide_map(
     ]
     shape, tie = guide.positions.shape, 1e-12 * np.abs(guide.positions).max()
     paths = [p for p in paths if p.shape != shape or np.abs(p - guide.positions).max() > tie]
-    fig, axes = base_map(scenario, [guide.positions, scenario.positions, *paths], guide.arrival)
+    shown = [guide.positions, scenario.positions, *paths]
+    fig, axes = base_map(scenario, shown, guide.arrival, ax)
     for number, path in enumerate(paths):
         label = "other candidate paths" if number == 0 else None
         axes.plot(*path.T, color=INK, lw=scaled(0.9), ls=(0, (4, 3)), zorder=3, label=label)
@@ -390,14 +278,21 @@ def guide_map(
     line.set(markersize=scaled(3.2), linewidth=scaled(1.6))
     line.set_label(f"guide, {counted(guide.arrival, 'step')}")
     add_start(axes, scenario.positions, "initial positions" if scenario.n > 1 else "start")
-    add_legend(fig, axes)
-    add_title(fig, scenario.name, f"guide, single-agent survival {guide.survival:.3g}")
+    add_legend(axes)
+    default = f"guide, single-agent survival {guide.survival:.3g}"
+    add_title(axes, heading(title, scenario.name, default))
     return fig
 
 
 @themed
 def cost_to_go_map(
-    scenario: Scenario, value: ValueFunction | CostToGoMap, guide: Guide, step: int = 0
+    scenario: Scenario,
+    value: ValueFunction | CostToGoMap,
+    guide: Guide,
+    step: int = 0,
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Survival to go at a step: that of the optimal path from every position, and its direction.
 
@@ -410,7 +305,8 @@ def cost_to_go_map(
         if isinstance(value, CostToGoMap)
         else CostToGoMap.from_value_function(value, low, high, step)
     )
-    fig, axes = single_panel(None, scenario.name, f"optimal direction at step {costs.step}")
+    default = f"optimal direction at step {costs.step}"
+    fig, axes = single_panel(None, heading(title, scenario.name, default), ax)
     set_extent(axes, low, high)
     survival = np.where(costs.survival > 0, costs.survival, np.nan)
     image = draw_field(axes, survival, Normalize(0.0, 1.0), "viridis")
@@ -419,7 +315,7 @@ def cost_to_go_map(
     _draw_arrows(axes, costs)
     axes.plot(*guide.positions.T, color=VERMILION, lw=scaled(1.8), zorder=4, label="guide")
     add_landmarks(axes, scenario, radars="white", step=costs.step)
-    add_legend(fig, axes)
+    add_legend(axes)
     return fig
 
 
@@ -436,22 +332,29 @@ def _draw_arrows(axes: Axes, costs: CostToGoMap) -> None:
 
 
 @themed
-def comparison_map(scenario: Scenario, guides: Mapping[str, Guide], title: str = "") -> Figure:
+def comparison_map(
+    scenario: Scenario,
+    guides: Mapping[str, Guide],
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Several guides with their single-agent survival and arrival, by name.
 
-    The title is by default the best known upper bound on survival.
+    The default title has the best known upper bound on survival.
     """
     labels = [
         f"{name},\nsurvival {guide.survival:.3g}, {counted(guide.arrival, 'step')}"
         for name, guide in guides.items()
     ]
     paths = [guide.positions for guide in guides.values()]
-    fig, axes = _paths_map(scenario, paths, labels)
+    fig, axes = _paths_map(scenario, paths, labels, ax=ax)
     add_start(axes, np.unique([path[0] for path in paths], axis=0))
-    add_legend(fig, axes)
+    add_legend(axes)
     bounds = [g.survival_bound for g in guides.values() if g.survival_bound is not None]
     bound = f"; upper bound {rounded_up(min(bounds)):.4f}" if bounds else ""
-    add_title(fig, scenario.name, title or f"single-agent survival of guides{bound}")
+    default = f"single-agent survival of guides{bound}"
+    add_title(axes, heading(title, scenario.name, default))
     return fig
 
 
@@ -460,8 +363,10 @@ def swarm_map(
     scenario: Scenario,
     trajectory: RunTrajectory,
     guide: Guide | None = None,
-    title: str = "",
+    title: str | None = "",
     corridors: bool = False,
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Paths of a run's members, with numbered crosses where they were destroyed.
 
@@ -471,14 +376,15 @@ def swarm_map(
     trajectory : RunTrajectory
     guide : Guide, optional
         Drawn dotted.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     corridors : bool
         Whether to draw the corridor around the guide.
     """
     ends = trajectory.last_steps()
     paths = [trajectory.positions[: end + 1, member] for member, end in enumerate(ends)]
     followed = np.empty((0, 2)) if guide is None else guide.positions
-    fig, axes = _paths_map(scenario, paths, contents=[followed])
+    fig, axes = _paths_map(scenario, paths, contents=[followed], ax=ax)
     if guide is not None:
         if corridors:
             add_corridor(axes, guide.positions, scenario.formation.rho)
@@ -486,15 +392,25 @@ def swarm_map(
         axes.plot(*guide.positions.T, color=INK, lw=scaled(0.9), ls=dots, zorder=5, label="guide")
     _mark_losses(axes, scenario, trajectory)
     _close_up(axes, scenario, paths, followed)
-    add_legend(fig, axes)
-    steps, survivors = counted(len(trajectory.alive) - 1, "step"), int(trajectory.alive[-1].sum())
-    add_title(fig, title or scenario.name, f"{survivors} of {len(paths)} alive after {steps}")
+    add_legend(axes)
+    add_title(axes, heading(title, scenario.name, ending(trajectory)))
     return fig
+
+
+def ending(trajectory: RunTrajectory) -> str:
+    """How a run ends, in words."""
+    steps, alive = counted(len(trajectory.alive) - 1, "step"), trajectory.alive[-1]
+    return f"{int(alive.sum())} of {len(alive)} alive after {steps}"
 
 
 @themed
 def joint_map(
-    scenario: Scenario, positions: FloatArray, survival: FloatArray | None = None, title: str = ""
+    scenario: Scenario,
+    positions: FloatArray,
+    survival: FloatArray | None = None,
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Paths of a joint plan up to the members' arrivals, with their survival in the legend.
 
@@ -504,7 +420,8 @@ def joint_map(
     positions : (T+1, n, 2)
     survival : (T+1, n), optional
         Survival probability of every member.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     """
     paths, labels = [], None
     for path in np.moveaxis(positions, 1, 0):
@@ -515,11 +432,11 @@ def joint_map(
             f"member {member},\nsurvival {survival[len(path) - 1, member]:.3f}"
             for member, path in enumerate(paths)
         ]
-    fig, axes = _paths_map(scenario, paths, labels, [positions.reshape(-1, 2)])
+    fig, axes = _paths_map(scenario, paths, labels, [positions.reshape(-1, 2)], ax)
     add_start(axes, positions[0])
     _close_up(axes, scenario, paths, np.empty((0, 2)))
-    add_legend(fig, axes)
-    add_title(fig, scenario.name, title)
+    add_legend(axes)
+    add_title(axes, heading(title, scenario.name))
     return fig
 
 
@@ -528,15 +445,18 @@ def _paths_map(
     paths: Sequence[FloatArray],
     labels: Sequence[str] | None = None,
     contents: Sequence[FloatArray] = (),
+    ax: AxesLike | None = None,
 ) -> tuple[Figure, Axes]:
     """Base map with paths (T_k+1, 2), by default of members, side by side where they coincide."""
-    fig, axes = base_map(scenario, [*paths, *contents])
-    draw_paths(axes, paths, SHARED * float(np.ptp(axes.get_xlim())))
+    fig, axes = base_map(scenario, [*paths, *contents], ax=ax)
+    displaced = draw_paths(axes, paths, SHARED * float(np.ptp(axes.get_xlim())))
     if len(paths) > len(MEMBERS):
         axes.plot([], [], label="members", **path_style(-1))
         return fig, axes
     for member, label in enumerate(labels or [f"member {k}" for k in range(len(paths))]):
         axes.plot([], [], label=label, **path_style(member))
+    if displaced:
+        axes.plot([], [], linestyle="", label="paths that coincide\nare drawn side by side")
     return fig, axes
 
 
@@ -560,17 +480,26 @@ def _mark_losses(axes: Axes, scenario: Scenario, trajectory: RunTrajectory) -> N
     few = trajectory.alive.shape[1] <= len(MEMBERS)
     last = trajectory.positions[trajectory.last_steps()[lost], lost]
     width = float(np.ptp(axes.get_xlim()))
-    cells = np.round(last / (1e-6 * width))
-    _, first, groups = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    points = last[first]
-    axes.plot(*points.T, zorder=6, label="destroyed", **marker("X", 7 if few else 6))
-    reach = _NEAR * width if few else 0.0
+    groups = clusters(last, LOSSES_NEAR * width)
+    points = np.array([last[near].mean(axis=0) for near in groups])
+    crosses = last if few else points
+    axes.plot(*crosses.T, zorder=6, label="destroyed", **marker("X", 7 if few else 6))
     labels = LabelPlaces(scenario, [*trajectory.positions, points], width)
-    unlabelled = list(range(len(points)))
-    while unlabelled:
-        near = [k for k in unlabelled if np.hypot(*(points[k] - points[unlabelled[0]])) <= reach]
-        unlabelled = [k for k in unlabelled if k not in near]
-        members = lost[np.isin(groups.reshape(-1), near)]
-        number = str(len(members)) if len(members) > 1 else ""
-        text = ", ".join(map(str, members)) if few else number
-        labels.add(axes, text, points[near].mean(axis=0))
+    for near, point in zip(groups, points, strict=True):
+        numbers = ", ".join(map(str, lost[near]))
+        labels.add(axes, numbers if few else count_of(near), point)
+
+
+def clusters(points: FloatArray, reach: float) -> list[IntArray]:
+    """Indices of points (N, 2) in groups, each within a distance of its first one."""
+    groups, left = [], np.arange(len(points))
+    while left.size:
+        near = np.hypot(*(points[left] - points[left[0]]).T) <= reach
+        groups.append(left[near])
+        left = left[~near]
+    return groups
+
+
+def count_of(members: IntArray) -> str:
+    """Text beside a cross that stands for several members."""
+    return f"×{len(members)}" if len(members) > 1 else ""

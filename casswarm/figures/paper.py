@@ -14,8 +14,12 @@ from .._util.figure_style import (
     GREY,
     GRID,
     INK,
+    AxesLike,
+    add_legend,
     current_theme,
     despine,
+    heading,
+    label_outer,
     marker,
     panels,
     scaled,
@@ -32,7 +36,13 @@ _ALPHAS = {"displacement": 1.0, "velocity": 0.35}  # of the variable in which st
 
 
 @themed
-def table_2_chart(table: pd.DataFrame, paper_runs: int = 50) -> Figure:
+def table_2_chart(
+    table: pd.DataFrame,
+    paper_runs: int = 50,
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Table II: the paper's probabilities, those by its method, and exact ones, with intervals.
 
     Parameters
@@ -43,6 +53,8 @@ def table_2_chart(table: pd.DataFrame, paper_runs: int = 50) -> Figure:
         exact_low and exact_high.
     paper_runs : int
         Number of runs K.
+    title, ax
+        As in all `casswarm.figures`.
     """
     kinds = {
         "paper": (f"the paper, {paper_runs} runs", "s"),
@@ -51,7 +63,7 @@ def table_2_chart(table: pd.DataFrame, paper_runs: int = 50) -> Figure:
         "exact": ("with Ipopt, exact", "|"),
     }
     aspect = current_theme().aspect_of(1.45 * len(kinds) * len(table) + 7)
-    fig, axes = single_panel(aspect, "paper-1", "Table II, with 95 % intervals")
+    fig, axes = single_panel(aspect, heading(title, "paper-1", "Table II, with 95 % intervals"), ax)
     styles = policy_styles(table["policy"])
     for row, values in enumerate(table.to_dict("records")):
         color = styles[str(values["policy"])].color
@@ -69,7 +81,7 @@ def table_2_chart(table: pd.DataFrame, paper_runs: int = 50) -> Figure:
     for row in range(1, len(table)):
         axes.axhline(row - 0.5, color=GRID, linewidth=scaled(0.6))
     handles = [Line2D([], [], label=label, **_marker(kind, GREY)) for label, kind in kinds.values()]
-    fig.legend(handles=handles, loc="outside lower center", ncols=2)
+    add_legend(axes, handles, 2)
     return fig
 
 
@@ -81,7 +93,13 @@ def _marker(shape: str, color: str) -> dict[str, Any]:
 
 
 @themed
-def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, float]]) -> Figure:
+def sensitivity_chart(
+    table: pd.DataFrame,
+    intervals: Mapping[str, tuple[float, float]],
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Success under small changes of the geometry, by two solvers, with the paper's intervals.
 
     Parameters
@@ -91,11 +109,13 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
         ends ``_low`` and ``_high`` of its interval. The first solver has filled markers.
     intervals : mapping
         Policy to (low, high), drawn as a band.
+    title, ax
+        As in all `casswarm.figures`.
     """
     changes = list(dict.fromkeys(table["change"]))
     aspect, number = current_theme().aspect_of(2.4 * len(changes) + 9), len(intervals)
-    heading = "paper-1", "small changes of the geometry"
-    fig, axes = panels(number, number, aspect, *heading, sharex=True, sharey=True)
+    text = heading(title, "paper-1", "small changes of the geometry")
+    fig, axes = panels(number, number, aspect, text, ax, sharex=True, sharey=True)
     styles, kinds = policy_styles(intervals), list(dict.fromkeys(table["solver"]))
     for panel, (policy, (low, high)) in zip(axes, intervals.items(), strict=True):
         style = styles[policy]
@@ -116,25 +136,30 @@ def sensitivity_chart(table: pd.DataFrame, intervals: Mapping[str, tuple[float, 
         Line2D([], [], label=solver, **marker("o", 4, "white" if number else GREY, GREY))
         for number, solver in enumerate(kinds)
     ]
-    title = wrap("success; shaded: Wilson's 95 % interval of the paper's 50 runs")
-    fig.legend(handles=handles, loc="outside lower center", ncols=2, title=title)
+    bands = wrap("success; shaded: Wilson's 95 % interval of the paper's 50 runs")
+    add_legend(axes[-1], handles, 2, title=bands)
     return fig
 
 
 @themed
-def infeasible_chart(table: pd.DataFrame) -> Figure:
+def infeasible_chart(
+    table: pd.DataFrame, title: str | None = "", *, ax: AxesLike | None = None
+) -> Figure:
     """Mean number of members alive, and of those with an empty constraint set, at every step.
 
     Parameters
     ----------
     table : DataFrame
         With the columns policy, step, alive and infeasible.
+    title, ax
+        As in all `casswarm.figures`.
     """
-    policies, title = list(dict.fromkeys(table["policy"])), "members with an empty constraint set"
+    policies = list(dict.fromkeys(table["policy"]))
+    text = heading(title, "members with an empty constraint set")
     narrow = current_theme().narrow
     aspect = 0.5 * len(policies) + 0.15 if narrow else None
     across = 1 if narrow else len(policies)
-    fig, axes = panels(len(policies), across, aspect, title, sharex=True, sharey=True)
+    fig, axes = panels(len(policies), across, aspect, text, ax, sharex=True, sharey=True)
     styles = policy_styles(policies)
     for panel, policy in zip(axes, policies, strict=True):
         rows = table[table["policy"] == policy]
@@ -142,19 +167,24 @@ def infeasible_chart(table: pd.DataFrame) -> Figure:
         panel.step(rows["step"], rows["alive"], where="mid", color=INK)
         panel.set(title=str(policy), xlabel="step", ylabel="mean number of members")
         panel.set_ylim(0, 1.1 * float(table["alive"].max()))
-        panel.label_outer()
+        label_outer(panel)
         despine(panel)
     handles = [
         Line2D([], [], color=INK, label="alive"),
         Line2D([], [], color=GREY, linewidth=scaled(5), label="with an empty constraint set"),
     ]
-    fig.legend(handles=handles, loc="outside lower center", ncols=2)
+    add_legend(axes[-1], handles, 2)
     return fig
 
 
 @themed
 def convergence_chart(
-    guide: pd.DataFrame, formations: pd.DataFrame, references: Mapping[str, float]
+    guide: pd.DataFrame,
+    formations: pd.DataFrame,
+    references: Mapping[str, float],
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Gaps and stationarity residuals of the projected gradient, for the guide and formations.
 
@@ -167,12 +197,14 @@ def convergence_chart(
         and residual_median.
     references : mapping
         Name to the survival of other guides.
+    title, ax
+        As in all `casswarm.figures`.
     """
     narrow = current_theme().narrow
     across = 1 if narrow else 2
-    title = "steps in displacement (dark) or velocity (light); formations: medians over time steps"
-    title = f"the paper's projected gradient: {title}"
-    fig, axes = panels(4, across, 2.3 if narrow else 0.75, title, sharex=True)
+    shown = "steps in displacement (dark) or velocity (light); formations: medians over time steps"
+    text = heading(title, "the paper's projected gradient", shown)
+    fig, axes = panels(4, across, 2.3 if narrow else 0.75, text, ax, sharex=True)
     survival, residual, gap, formation_residual = axes
     for variable, rows in guide.groupby("steps"):
         path: dict[str, Any] = {"color": INK, "marker": "o", "alpha": _ALPHAS[str(variable)]}
@@ -203,5 +235,5 @@ def convergence_chart(
     for panel in axes[-across:]:
         panel.set_xlabel("iteration")
     handles, columns = gap.get_legend_handles_labels()[0], 2 if narrow else 4
-    fig.legend(handles=handles, loc="outside lower center", ncols=columns, title="formation of")
+    add_legend(axes[-1], handles, columns, title="formation of")
     return fig

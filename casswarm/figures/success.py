@@ -24,8 +24,13 @@ from .._util.figure_style import (
     PURPLE,
     SKY,
     VERMILION,
+    AxesLike,
+    add_legend,
     current_theme,
     despine,
+    heading,
+    label_outer,
+    label_panels,
     panels,
     scaled,
     single_panel,
@@ -85,8 +90,17 @@ def policy_styles(names: Iterable[str]) -> dict[str, PolicyStyle]:
     return styles
 
 
+EXACT = "exact distribution"
+"""Default title of figures of exact distributions."""
+
+
 @themed
-def arrival_chart(distributions: Sequence[OutcomeDistribution], title: str = "") -> Figure:
+def arrival_chart(
+    distributions: Sequence[OutcomeDistribution],
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Probability of arrival up to every step, a band per policy from lower to upper bound."""
     low = [np.cumsum(each.arrival) for each in distributions]
     high = [
@@ -94,7 +108,7 @@ def arrival_chart(distributions: Sequence[OutcomeDistribution], title: str = "")
         for bound, each in zip(low, distributions, strict=True)
     ]
     bounds = list(zip(low, high, strict=True))
-    fig, axes = _bands(distributions, bounds, title, "probability of arrival")
+    fig, axes = _bands(distributions, bounds, title, "probability of arrival", ax=ax)
     labels = [f"{d.policy}: {d.success[0]:.4f} to {d.success[1]:.4f}" for d in distributions]
     axes.legend(axes.get_lines(), labels, loc="upper left")
     return fig
@@ -102,24 +116,33 @@ def arrival_chart(distributions: Sequence[OutcomeDistribution], title: str = "")
 
 @themed
 def population_chart(
-    distributions: Sequence[OutcomeDistribution], members: int, title: str = ""
+    distributions: Sequence[OutcomeDistribution],
+    members: int,
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Mean number of members alive at every step, a band per policy from lower to upper bound."""
     means = [each.population_mean for each in distributions]
     bounds = [(mean.low, np.minimum(float(members), mean.high)) for mean in means]
-    fig, axes = _bands(distributions, bounds, title, "mean number of members alive", members)
+    fig, axes = _bands(distributions, bounds, title, "mean number of members alive", members, ax)
     axes.legend(loc="lower left")
     return fig
 
 
 @themed
-def survival_chart(distributions: Sequence[OutcomeDistribution], title: str = "") -> Figure:
+def survival_chart(
+    distributions: Sequence[OutcomeDistribution],
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Probability that any member is alive at every step, from lower to upper bound.
 
     After arrival a run keeps the number of members that arrived.
     """
     bounds = [each.any_alive for each in distributions]
-    fig, axes = _bands(distributions, bounds, title, "probability that any member is alive")
+    fig, axes = _bands(distributions, bounds, title, "probability that any member is alive", ax=ax)
     axes.legend(loc="lower left")
     return fig
 
@@ -127,12 +150,13 @@ def survival_chart(distributions: Sequence[OutcomeDistribution], title: str = ""
 def _bands(
     distributions: Sequence[OutcomeDistribution],
     bounds: Sequence[tuple[FloatArray, FloatArray]],
-    title: str,
+    title: str | None,
     ylabel: str,
     top: float = 1.0,
+    ax: AxesLike | None = None,
 ) -> tuple[Figure, Axes]:
     """Step curves of the lower bounds (N+1,), with bands up to the upper bounds, up to `top`."""
-    fig, axes = single_panel(None, title, "exact distribution")
+    fig, axes = single_panel(None, heading(title, EXACT), ax)
     styles = policy_styles(each.policy for each in distributions)
     for (low, high), (policy, style) in zip(bounds, styles.items(), strict=True):
         steps = np.arange(len(low))
@@ -146,7 +170,9 @@ def _bands(
 
 
 @themed
-def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
+def success_chart(
+    table: pd.DataFrame, title: str | None = "", *, ax: AxesLike | None = None
+) -> Figure:
     """Success probability of every policy with its interval, a panel per scenario.
 
     Parameters
@@ -158,7 +184,8 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
           estimates) end at the lower bound;
         - scenario, of which every one gets a panel;
         - bound, the success that no policy exceeds in a scenario: a dashed line.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     """
     several = "scenario" in table
     scenarios = (table if several else table.assign(scenario="")).groupby("scenario", sort=False)
@@ -166,16 +193,18 @@ def success_chart(table: pd.DataFrame, title: str = "") -> Figure:
     columns = min(len(scenarios), 2 if current_theme().narrow else 3)
     lines = len(policies) * (1.5 if several else 2.4) + 4
     aspect = current_theme().aspect_of(lines * -(-len(scenarios) // columns) + 3)
-    aspect, titles = max(0.28, aspect), (title, "" if several else _kind(table))
-    fig, axes = panels(len(scenarios), columns, aspect, *titles, sharex=True, sharey=True)
+    text = heading(title, "" if several else kind_of_success(table))
+    options: dict[str, Any] = {"ax": ax, "sharex": True, "sharey": True}
+    fig, axes = panels(len(scenarios), columns, max(0.28, aspect), text, **options)
     for panel, (scenario, rows) in zip(axes, scenarios, strict=True):
         _bars(panel, rows, policies, values=not several)
-        heading = wrap(scenario, 0.85 / columns)
+        name = wrap(scenario, 0.85 / columns)
         if "bound" in rows:
             bound = float(rows["bound"].iloc[0])
             panel.axvline(bound, color=GREY, linestyle="--", linewidth=scaled(1.0), zorder=3)
-            heading += f"\nno policy exceeds {math.ceil(1000 * bound) / 1000:.3f}"
-        panel.set_title(heading, fontsize="small")
+            name += f"\nno policy exceeds {math.ceil(1000 * bound) / 1000:.3f}"
+        if name:
+            panel.set_title(name, fontsize="small")
         panel.set(xlim=(0, 1.03), ylim=(len(policies) - 0.4, -0.6))
         panel.set_xticks([0, 0.5, 1] if several else np.arange(6) / 5)
         panel.set_yticks(range(len(policies)), policies)
@@ -213,7 +242,7 @@ def with_errors(rows: pd.DataFrame, name: str) -> tuple[FloatArray, FloatArray]:
     return values, np.maximum(0.0, [values - low, high - values])
 
 
-def _kind(table: pd.DataFrame) -> str:
+def kind_of_success(table: pd.DataFrame) -> str:
     """Describe the numbers of a single scenario: exact, sampled, or both."""
     if "runs" not in table:
         return "exact distribution, lower and upper bounds"
@@ -226,18 +255,25 @@ def _interval(low: float, high: float) -> str:
     return f"{low:.4f}" if f"{low:.4f}" == f"{high:.4f}" else f"{low:.4f}\nto {high:.4f}"
 
 
+PAIRED = "paired by common random numbers"
+"""Default title of figures of differences."""
+
+
 @themed
-def difference_chart(paired: pd.DataFrame, title: str = "") -> Figure:
+def difference_chart(
+    paired: pd.DataFrame, title: str | None = "", *, ax: AxesLike | None = None
+) -> Figure:
     """Paired differences in success between policies, with their 95 % intervals.
 
     Parameters
     ----------
     paired : DataFrame
         As of `casswarm.studies.tables.paired_table`.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     """
     aspect = min(1.2, (0.9 + 0.32 * len(paired)) / 4)
-    fig, axes = single_panel(aspect, title, "paired by common random numbers")
+    fig, axes = single_panel(aspect, heading(title, PAIRED), ax)
     rows = np.arange(len(paired))[::-1]
     difference, error = with_errors(paired, "difference")
     axes.axvline(0.0, color=INK, linewidth=scaled(0.8), zorder=1)
@@ -257,7 +293,12 @@ _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1
 
 @themed
 def sweep_lines(
-    table: pd.DataFrame, key: str, title: str = "", others: Sequence[str] = ()
+    table: pd.DataFrame,
+    key: str,
+    title: str | None = "",
+    others: Sequence[str] = (),
+    *,
+    ax: AxesLike | None = None,
 ) -> Figure:
     """Success of every policy over a parameter, with its interval.
 
@@ -267,7 +308,8 @@ def sweep_lines(
         With the columns `key`, policy, success, success_low, success_high and status. Sweep points
         that failed are left out.
     key : str
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     others : sequence of str
         Columns of parameters that vary as well: there is a panel per policy, with a line for every
         combination of their values.
@@ -275,8 +317,8 @@ def sweep_lines(
     valid = table[table["status"] == "ok"]
     order = list(dict.fromkeys(table[key]))
     if others:
-        return _panel_per_policy(valid, key, order, title, list(others))
-    fig, axes = single_panel(None, title)
+        return _panel_per_policy(valid, key, order, title or "", list(others), ax)
+    fig, axes = single_panel(None, title or "", ax)
     styles = policy_styles(table["policy"])
     for policy, rows in valid.groupby("policy", sort=False):
         _success_line(axes, rows, key, order, styles[str(policy)].line | {"label": str(policy)})
@@ -288,13 +330,18 @@ def sweep_lines(
 
 
 def _panel_per_policy(
-    valid: pd.DataFrame, key: str, order: list[Any], title: str, others: list[str]
+    valid: pd.DataFrame,
+    key: str,
+    order: list[Any],
+    title: str,
+    others: list[str],
+    ax: AxesLike | None,
 ) -> Figure:
     policies, narrow = list(dict.fromkeys(valid["policy"])), current_theme().narrow
     number = max(1, len(policies))
     columns = 1 if narrow else min(3, number)
     aspect = (0.52 if narrow else 0.4) * -(-number // columns) + 0.12
-    fig, axes = panels(number, columns, aspect, title, sharex=True, sharey=True)
+    fig, axes = panels(number, columns, aspect, title, ax, sharex=True, sharey=True)
     combinations = valid.groupby(others, sort=False).ngroup()
     colors = colormaps["viridis"](np.linspace(0.0, 0.82, max(2, combinations.nunique())))
     for panel, policy in zip(axes, policies, strict=False):
@@ -308,15 +355,11 @@ def _panel_per_policy(
             _success_line(panel, rows, key, order, style)
         _finish(panel, key, order)
         panel.set_title(str(policy))
-        panel.label_outer()
-    fig.supylabel("success probability", fontsize="medium")
-    fig.legend(
-        handles=axes[0].get_legend_handles_labels()[0],
-        loc="outside lower center" if narrow else "outside right upper",
-        title=", ".join(others),
-        title_fontsize="small",
-        ncols=3 if narrow else 1,
-    )
+        label_outer(panel)
+    label_panels(axes, ylabel="success probability")
+    options = {"title": ", ".join(others), "title_fontsize": "small"}
+    options |= {} if narrow else {"loc": "outside right upper"}
+    add_legend(axes[-1], axes[0].get_legend_handles_labels()[0], 3 if narrow else 1, **options)
     return fig
 
 
@@ -355,7 +398,13 @@ def _numeric(values: Sequence[Any]) -> bool:
 
 
 @themed
-def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Figure:
+def sweep_heat_map(
+    table: pd.DataFrame,
+    keys: Sequence[str],
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Success over two parameters, a panel per policy; sweep points that failed are crossed out.
 
     Parameters
@@ -364,7 +413,8 @@ def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") ->
         As in `sweep_lines`.
     keys : two of its columns
         Along x, and along y.
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     """
     x, y = keys
     theme, policies = current_theme(), list(dict.fromkeys(table["policy"]))
@@ -372,7 +422,7 @@ def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") ->
     across = min(len(policies), 1 if theme.narrow else 3)
     aspect = 0.16 + min(0.9, 0.66 * scaled() * len(rows) / theme.width)
     aspect = aspect * -(-len(policies) // across) + 0.12
-    fig, axes = panels(len(policies), across, aspect, title, sharex=True, sharey=True)
+    fig, axes = panels(len(policies), across, aspect, title or "", ax, sharex=True, sharey=True)
     for panel, policy in zip(axes, policies, strict=True):
         values = np.full((len(rows), len(columns)), np.nan)
         for row in table[table["policy"] == policy].to_dict("records"):
@@ -387,13 +437,13 @@ def sweep_heat_map(table: pd.DataFrame, keys: Sequence[str], title: str = "") ->
         panel.set_yticks(range(len(rows)), [_text(value) for value in rows])
         panel.set_title(str(policy))
         panel.set(xlabel=x, ylabel=y)
-        panel.label_outer()
+        label_outer(panel)
     fig.colorbar(image, ax=axes, label="success probability")
     return fig
 
 
 @themed
-def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
+def mpc_chart(table: pd.DataFrame, title: str | None = "", *, ax: AxesLike | None = None) -> Figure:
     """Success (above) and infeasible member-steps (below) over the horizon, a column per scenario.
 
     Parameters
@@ -401,14 +451,15 @@ def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
     table : DataFrame
         With the columns scenario, policy, horizon, success, success_low, success_high and
         infeasible (member-steps per run).
-    title : str
+    title, ax
+        As in all `casswarm.figures`.
     """
     scenarios = list(dict.fromkeys(table["scenario"]))
     horizons = sorted(set(table["horizon"]))
     across = min(len(scenarios), 2 if current_theme().narrow else 3)
     bands = -(-len(scenarios) // across)  # of two rows of panels each
     aspect = 1.25 * bands / max(2, across) + 0.12
-    fig, axes = panels(2 * bands * across, across, aspect, title, sharex=True)
+    fig, axes = panels(2 * bands * across, across, aspect, title or "", ax, sharex=True)
     grid: Any = np.array(axes).reshape(bands, 2, across)
     pairs = grid.swapaxes(1, 2).reshape(-1, 2)  # the panels of every scenario
     for unused in pairs[len(scenarios) :].flat:
@@ -432,5 +483,5 @@ def mpc_chart(table: pd.DataFrame, title: str = "") -> Figure:
             panel.set_xticks(horizons, [_text(horizon) for horizon in horizons])
             despine(panel)
     handles = axes[0].get_legend_handles_labels()[0]
-    fig.legend(handles=handles, loc="outside lower center", ncols=min(3, len(handles)))
+    add_legend(axes[-1], handles, min(3, len(handles)))
     return fig

@@ -13,6 +13,7 @@ from typing import Any
 from typing_extensions import override
 
 from .._util.files import require_file
+from .._util.text import quoted
 from ..errors import ProblemError
 
 MAX_BYTES = 2**27
@@ -80,7 +81,7 @@ class Text:
         text = self._fields()
         words = text.split()
         if len(words) != len(limits):
-            raise self.refusal(f"has {text!r} where {len(limits)} whole numbers are expected")
+            raise self.refusal(f"has {quoted(text)} where {len(limits)} whole numbers are expected")
         return [self.integer(word, limit) for word, limit in zip(words, limits, strict=True)]
 
     def numbers(self, count: int) -> list[float]:
@@ -100,7 +101,7 @@ class Text:
         """Kind, number of values and name of a suffix."""
         words = self._fields().split()
         if len(words) != 3:
-            raise self.refusal(f"has {self._line!r} where a suffix with its name is expected")
+            raise self.refusal(f"has {quoted(self._line)} where a suffix with its name is expected")
         return self.integer(words[0], 256), self.integer(words[1], len(self)), words[2]
 
     def skip(self, kinds: str) -> None:
@@ -111,7 +112,7 @@ class Text:
         """A whole number from 0 to `limit` - 1 in this text."""
         if not (text.isdigit() and len(text) < 12 and int(text) < limit):
             raise self.refusal(
-                f"has {text!r} where a whole number from 0 to {limit - 1} is expected"
+                f"has {quoted(text)} where a whole number from 0 to {limit - 1} is expected"
             )
         return int(text)
 
@@ -132,7 +133,7 @@ class Text:
         except ValueError:
             values = []
         if len(values) != count:
-            raise self.refusal(f"has {text!r} where {count} numbers are expected")
+            raise self.refusal(f"has {quoted(text)} where {count} numbers are expected")
         return values
 
 

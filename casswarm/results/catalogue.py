@@ -12,7 +12,9 @@ from matplotlib.figure import Figure
 from .. import figures
 from ..chain.distribution import OutcomeDistribution
 from ..chain.monte_carlo import RunTrajectory
-from ..figures.formations import follows_guide
+from ..figures.formations import follows_guide, formation_title
+from ..figures.maps import ending
+from ..figures.success import EXACT, PAIRED, kind_of_success
 from ..grid import CostToGoMap
 from ..guide.guide import Candidate, Guide
 from ..scenario import Scenario
@@ -43,7 +45,11 @@ def swarm_plan_figures(
 ) -> FigureCatalogue:
     """Figure of a joint plan; texts of its success and its bound are part of the title."""
     title = "; ".join(part for part in (f"joint plan, success {success}", bound) if part)
-    return {"joint": partial(figures.joint_map, scenario, positions, survival, title)}
+    return {
+        "joint": partial(
+            figures.joint_map, scenario, positions, survival, f"{scenario.name}: {title}"
+        )
+    }
 
 
 def simulation_figures(
@@ -56,22 +62,23 @@ def simulation_figures(
 ) -> FigureCatalogue:
     """Figures of a simulation: success, differences, and run number `run` of every policy."""
     name = scenario.name
-    catalogue: FigureCatalogue = {"success": partial(figures.success_chart, summary, name)}
+    heading = f"{name}: {kind_of_success(summary)}"
+    catalogue: FigureCatalogue = {"success": partial(figures.success_chart, summary, heading)}
     if len(paired):
-        catalogue["differences"] = partial(figures.difference_chart, paired, name)
+        catalogue["differences"] = partial(figures.difference_chart, paired, f"{name}: {PAIRED}")
     for policy, trajectory in trajectories.items():
         follows = follows_guide(trajectory, guide, scenario.formation.rho)
-        options: dict[str, Any] = {
-            "title": f"{name}, {policy}, run {run}",
-            "corridors": follows and "constrained" in policy,
-        }
+        shown = f"{name}, {policy}, run {run}"
+        options: dict[str, Any] = {"corridors": follows and "constrained" in policy}
+        heading = f"{shown}: {ending(trajectory)}"
         catalogue[f"run-{policy}"] = partial(
-            figures.swarm_map, scenario, trajectory, guide, **options
+            figures.swarm_map, scenario, trajectory, guide, heading, **options
         )
         if scenario.n > 1:
             center = guide if follows else None
+            heading = f"{shown}: {formation_title(center)}"
             catalogue[f"formation-{policy}"] = partial(
-                figures.formation_chart, scenario, trajectory, center, **options
+                figures.formation_chart, scenario, trajectory, center, heading, **options
             )
     return catalogue
 
@@ -81,11 +88,13 @@ def evaluation_figures(
 ) -> FigureCatalogue:
     """Figures of exact distributions, with the table of their success or of estimates."""
     name = scenario.name
+    heading = f"{name}: {kind_of_success(successes)}"
+    exact = f"{name}: {EXACT}"
     return {
-        "success": partial(figures.success_chart, successes, name),
-        "arrival": partial(figures.arrival_chart, distributions, name),
-        "population": partial(figures.population_chart, distributions, scenario.n, name),
-        "survival": partial(figures.survival_chart, distributions, name),
+        "success": partial(figures.success_chart, successes, heading),
+        "arrival": partial(figures.arrival_chart, distributions, exact),
+        "population": partial(figures.population_chart, distributions, scenario.n, exact),
+        "survival": partial(figures.survival_chart, distributions, exact),
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from functools import singledispatch
+from functools import partial, singledispatch
 from html import escape
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .._util.documents import figure_uri, html_table
-from .._util.figure_style import add_legend, single_panel, themed
+from .._util.figure_style import AxesLike, add_legend, add_title, literal, single_panel, themed
 from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..chain.distribution import OutcomeDistribution
@@ -28,6 +28,7 @@ from ..figures import (
     theme,
 )
 from ..figures.maps import add_start, base_map
+from ..figures.success import kind_of_success
 from ..guide.guide import Guide
 from ..joint import SwarmPlan
 from ..scenario import Scenario
@@ -42,7 +43,7 @@ class View(NamedTuple):
 
     title: str
     table: Mapping[str, Any] | pd.DataFrame  # a mapping is a table of one row
-    picture: Callable[[Scenario | None], Figure]  # with the scenario of a guide or plan, if given
+    picture: Callable[..., Figure]  # of the scenario, if given, with options `title` and `ax`
     notes: str = ""  # lines below the title
 
 
@@ -60,11 +61,13 @@ def html(result: object) -> str:
     )
 
 
-def figure(result: object, scenario: Scenario | None, size: ThemeName | None) -> Figure:
+def figure(
+    result: object, scenario: Scenario | None, size: ThemeName | None, **options: Any
+) -> Figure:
     """Picture of a result, by default in the theme of the context; a guide's with its scenario."""
     shown = view(result)
     with nullcontext() if size is None else theme(size):
-        return shown.picture(scenario)
+        return shown.picture(scenario, **options)
 
 
 @singledispatch
@@ -82,7 +85,9 @@ def _(result: Scenario) -> View:
         "steps": f"{result.n_steps} of {result.time.dt:g}",
         "v_max, a_max": f"{result.swarm.v_max:g}, {result.swarm.a_max:g}",
     }
-    return View(result.name, values, lambda _: _start_map(result), result.description)
+    return View(
+        result.name, values, lambda _, **options: _start_map(result, **options), result.description
+    )
 
 
 @view.register
@@ -96,10 +101,11 @@ def _(result: Guide) -> View:
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }
 
-    def picture(scenario: Scenario | None) -> Figure:
+    def picture(scenario: Scenario | None, **options: Any) -> Figure:
         if scenario is not None:
-            return guide_map(scenario, result)
-        return _path_map(result.positions[:, None], [f"guide, {counted(result.arrival, 'step')}"])
+            return guide_map(scenario, result, **options)
+        label = f"guide, {counted(result.arrival, 'step')}"
+        return _path_map(result.positions[:, None], [label], **options)
 
     return View("Guide", values, picture)
 
@@ -114,11 +120,13 @@ def _(result: SwarmPlan) -> View:
         "solver": f"{result.solution.solver}: {result.solution.status}",
     }
 
-    def picture(scenario: Scenario | None) -> Figure:
+    def picture(scenario: Scenario | None, **options: Any) -> Figure:
         if scenario is not None:
             law = result.distribution
-            return joint_map(scenario, result.positions, None if law is None else law.survival)
-        return _path_map(result.positions, [f"member {member}" for member in range(result.n)])
+            survival = None if law is None else law.survival
+            return joint_map(scenario, result.positions, survival, **options)
+        labels = [f"member {member}" for member in range(result.n)]
+        return _path_map(result.positions, labels, **options)
 
     return View(f"Joint plan of {result.scenario}", values, picture)
 
@@ -128,7 +136,14 @@ def _(result: Study) -> View:
     name, summary = result.scenario.name, result.summary
     notes = "\n".join(count_notes(summary.to_dict("records")))
     table = summary_texts(summary)
-    return View(f"Simulation of {name}", table, lambda _: success_chart(summary, name), notes)
+    heading = f"{name}: {kind_of_success(summary)}"
+    picture = partial(success_chart, summary)
+    return View(
+        f"Simulation of {name}",
+        table,
+        lambda _, **options: picture(**{"title": heading} | options),
+        notes,
+    )
 
 
 @view.register
@@ -141,21 +156,30 @@ def _(result: OutcomeDistribution) -> View:
         "states": result.states,
         "residual mass": f"{result.residual_mass:.3g}",
     }
-    return View("Outcome distribution", values, lambda _: arrival_chart([result]), result.advice)
+    return View(
+        "Outcome distribution",
+        values,
+        lambda _, **options: arrival_chart([result], **options),
+        result.advice,
+    )
 
 
 @view.register
 def _(result: Sweep) -> View:
     table, keys, name = result.table, result.keys, result.scenario.name
-    lines = table, keys[0], name, keys[1:]
-    return View(f"Sweep of {name}", table.round(4), lambda _: sweep_lines(*lines))
+    lines = partial(sweep_lines, table, keys[0], title=name, others=keys[1:])
+    return View(f"Sweep of {name}", table.round(4), lambda _, **options: lines(**options))
 
 
 @view.register
 def _(result: Comparison) -> View:
     from ..comparison.report import overview
 
-    return View("Comparison of solvers", result.summary.round(4), lambda _: overview(result)())
+    return View(
+        "Comparison of solvers",
+        result.summary.round(4),
+        lambda _, **options: overview(result)(**options),
+    )
 
 
 @view.register
@@ -164,25 +188,37 @@ def _(result: Convergence) -> View:
     table = last.drop(columns="feasible").map(lambda x: f"{x:.6g}" if isinstance(x, float) else x)
     notes = "\n".join(f"{solver}: {reason}" for solver, reason in result.missing.items())
     title = f"{result.problem}, {result.start} start"
-    gaps = result.iterates, title, result.solvers, tuple(result.missing)
-    return View(f"Last iterates on {title}", table, lambda _: gap_chart(*gaps), notes)
+    more: dict[str, Any] = {
+        "title": literal(title),
+        "order": result.solvers,
+        "missing": tuple(result.missing),
+    }
+    gaps = partial(gap_chart, result.iterates, **more)
+    return View(f"Last iterates on {title}", table, lambda _, **options: gaps(**options), notes)
 
 
 @themed
-def _start_map(scenario: Scenario) -> Figure:
+def _start_map(scenario: Scenario, title: str | None = "", *, ax: AxesLike | None = None) -> Figure:
     """Map with the initial positions."""
-    fig, axes = base_map(scenario, [scenario.positions])
+    fig, axes = base_map(scenario, [scenario.positions], ax=ax)
     add_start(axes, scenario.positions, "initial positions")
-    add_legend(fig, axes)
+    add_legend(axes)
+    add_title(axes, title or "")
     return fig
 
 
 @themed
-def _path_map(positions: FloatArray, labels: list[str]) -> Figure:
+def _path_map(
+    positions: FloatArray,
+    labels: list[str],
+    title: str | None = "",
+    *,
+    ax: AxesLike | None = None,
+) -> Figure:
     """Paths (T+1, n, 2) without a scenario, which neither guides nor joint plans know."""
-    figure, axes = single_panel()
+    figure, axes = single_panel(None, title or "", ax)
     for path, label in zip(np.moveaxis(positions, 1, 0), labels, strict=True):
         axes.plot(*path.T, marker="o", markersize=2.5, label=label)
     axes.set(aspect="equal", xlabel="x", ylabel="y")
-    add_legend(figure, axes)
+    add_legend(axes)
     return figure

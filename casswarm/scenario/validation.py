@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from .._util.text import closest
+from .._util.text import closest, shortened
 from ..errors import ScenarioError
 
 SMALLEST, LARGEST = 1e-20, 1e20
@@ -133,7 +133,7 @@ def as_text(value: object) -> str:
         text = repr(value)
     except ValueError:  # Python refuses to print integers of thousands of digits
         return "a number of thousands of digits"
-    return text if len(text) <= _MAX_CHARACTERS else text[: _MAX_CHARACTERS - 3] + "..."
+    return shortened(text, _MAX_CHARACTERS)
 
 
 def problems_of(error: ValidationError | RecursionError, model: type[BaseModel]) -> list[Problem]:
@@ -204,6 +204,7 @@ def field_of(key: str, model: type[BaseModel]) -> FieldInfo | None:
 
 def unknown_key(key: str, model: type[BaseModel]) -> Problem:
     """Problem of a key that does not exist, with the key that was probably meant."""
+    shown = shortened(key, 100)
     table, _, leaf = key.rpartition(".")
     keys = known_keys(model)
     if "[" in table and (field := field_of(table, model)) and (element := element_table(field)):
@@ -217,14 +218,14 @@ def unknown_key(key: str, model: type[BaseModel]) -> Problem:
         or _closest_leaf(leaf, keys)
     )
     if meant:
-        return Problem(f"unknown key '{key}'; did you mean '{meant}'?", key)
+        return Problem(f"unknown key '{shown}'; did you mean '{meant}'?", key)
     if table and not siblings:
         return unknown_key(table, model)
     names = ", ".join(other.rpartition(".")[2] for other in siblings)
     scope = f"of [{table}]" if table else "here"
     custom = "; those of a 'module:function' belong in [hazard.parameters]"
     return Problem(
-        f"unknown key '{key}'; the keys {scope} are {names}{custom if table == 'hazard' else ''}",
+        f"unknown key '{shown}'; the keys {scope} are {names}{custom if table == 'hazard' else ''}",
         key,
     )
 

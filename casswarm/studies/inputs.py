@@ -12,6 +12,7 @@ from importlib.metadata import version
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
+from .._util.text import quoted
 from .._util.user_code import code_hash
 from ..chain.transition import Lattice
 from ..errors import CasswarmWarning, PolicyError
@@ -111,6 +112,9 @@ def resolve_policy(
     return as_policy(policy)
 
 
+_LONGEST_NAME = 100  # characters, as of a scenario
+
+
 def policy_list(policies: Any) -> list[Any]:
     """Names and `Policy` objects of a list of policies; a single policy is a list of one.
 
@@ -125,10 +129,12 @@ def policy_list(policies: Any) -> list[Any]:
     listed = [policy if isinstance(policy, str) else as_policy(policy) for policy in listed]
     names = list(map(policy_name, listed))
     for name in names:
-        if not name.isprintable() or set(name) & set("/\\$") or not name.strip():
+        allowed = name.isprintable() and not set(name) & set("/\\$") and name.strip()
+        if not allowed or len(name) > _LONGEST_NAME:
             raise PolicyError(
-                f"policy name {name!r}: figures and files need printable characters, without "
-                "slashes and '$'; as_policy(function, name=...) names a function",
+                f"policy name {quoted(name)}: figures and files need printable characters, at most "
+                f"{_LONGEST_NAME}, without slashes and '$'; as_policy(function, name=...) names a "
+                "function",
                 policy=name,
             )
     repeated = sorted({name for name in names if names.count(name) > 1})

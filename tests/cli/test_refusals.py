@@ -84,6 +84,7 @@ REFUSED = [
         "simulate single-agent --policy my_module:odd --runs 2",
         "'a$x_{$': figures and files need printable characters",
     ),
+    ("simulate single-agent --policy my_module:long --runs 2", "xxx...: figures and files need"),
     # misspelt names
     ("compare --family guide", "did you mean 'guides'?"),
     ("compare --solver ipop", "did you mean 'ipopt'?"),
@@ -184,6 +185,7 @@ from casswarm import as_policy
 
 number = 3
 odd = as_policy(lambda *_: 0, name="a$x_{$")
+long = as_policy(lambda *_: 0, name="x" * 100_000)
 """
 RATES = """
 import sys

@@ -22,6 +22,7 @@ from figure_cases import (
     sweep_table,
     table,
 )
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
@@ -31,6 +32,7 @@ from PIL import Image
 from casswarm.chain import RunTrajectory
 from casswarm.figures import (
     THEMES,
+    animate,
     arrival_chart,
     band_chart,
     comparison_map,
@@ -38,6 +40,7 @@ from casswarm.figures import (
     cost_to_go_map,
     difference_chart,
     formation_chart,
+    gap_chart,
     guide_map,
     infeasible_chart,
     joint_map,
@@ -133,7 +136,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "guide": lambda: guide_map(SCENARIO, GUIDE, [GUIDE.positions[::-1]]),
     "comparison": lambda: comparison_map(SCENARIO, {"one": GUIDE, "other": GUIDE}),
     "cost-to-go": lambda: cost_to_go_map(SCENARIO, COSTS, GUIDE),
-    "swarm": lambda: swarm_map(SCENARIO, RUN, GUIDE, "mine"),
+    "swarm": lambda: swarm_map(SCENARIO, RUN, GUIDE),
     "formation": lambda: formation_chart(SCENARIO, RUN, GUIDE, corridors=True),
     "success": lambda: success_chart(SUMMARY, "mine"),
     "difference": lambda: difference_chart(PAIRED, "mine"),
@@ -208,6 +211,114 @@ def test_column_theme_has_readable_font_sizes() -> None:
     assert min(sizes) > 5.5
 
 
+ONE_PANEL: dict[str, Callable[..., Figure]] = {
+    "guide": lambda **options: guide_map(SCENARIO, GUIDE, **options),
+    "comparison": lambda **options: comparison_map(SCENARIO, {"one": GUIDE}, **options),
+    "cost-to-go": lambda **options: cost_to_go_map(SCENARIO, COSTS, GUIDE, **options),
+    "swarm": lambda **options: swarm_map(SCENARIO, RUN, GUIDE, **options),
+    "joint": lambda **options: joint_map(SCENARIO, RUN.positions, **options),
+    "success": lambda **options: success_chart(SUMMARY, **options),
+    "difference": lambda **options: difference_chart(PAIRED, **options),
+    "arrival": lambda **options: arrival_chart(DISTRIBUTIONS, **options),
+    "population": lambda **options: population_chart(DISTRIBUTIONS, 3, **options),
+    "survival": lambda **options: survival_chart(DISTRIBUTIONS, **options),
+    "lines": lambda **options: sweep_lines(sweep_table(), "n", **options),
+    "profile": lambda **options: profile_chart({"a": PROFILE}, "factor", **options),
+    "ranking": lambda **options: ranking_chart(RANKING, **options),
+    "table 2": lambda **options: table_2_chart(TABLE_2, **options),
+    "formation": lambda **options: formation_chart(SCENARIO, RUN, GUIDE, steps=[1], **options),
+}
+"""Figures of one panel, with options."""
+
+
+def two_axes() -> tuple[Figure, list[Axes]]:
+    """Axes side by side in a figure of the user's."""
+    fig = Figure(figsize=(8, 3), layout="constrained")
+    return fig, list(fig.subplots(1, 2))
+
+
+@pytest.mark.parametrize("what", ONE_PANEL)
+def test_figure_with_axes_is_drawn_into_them_alone(what: str) -> None:
+    fig, (left, right) = two_axes()
+    assert ONE_PANEL[what](ax=left, title="Mine") is fig
+    assert left.has_data() or left.patches
+    assert not right.has_data()
+    if what not in ("profile", "formation"):  # their panels have titles of their own
+        assert left.get_title() == "Mine"
+    assert fig.get_suptitle() == ""
+    assert not fig.legends
+    fig.draw_without_rendering()
+    box = fig.get_tightbbox()
+    assert box.x0 > -0.02
+    assert box.x1 < 8.02
+
+
+@pytest.mark.parametrize("what", ONE_PANEL)
+def test_title_replaces_the_default_and_none_removes_it(what: str) -> None:
+    assert ONE_PANEL[what](title="Mine").get_suptitle() == "Mine"
+    assert ONE_PANEL[what](title=None).get_suptitle() == ""
+
+
+def test_names_with_dollar_signs_are_shown_as_they_are() -> None:
+    odd = r"$\frac$"
+    fig = profile_chart({odd: PROFILE.rename(columns={"fast": odd})}, "factor", r"$\alpha$")
+    fig.canvas.draw()
+    assert odd in text_of(fig)
+    user, axes = two_axes()
+    axes[0].set_ylabel(r"$\beta$")
+    success_chart(SUMMARY.assign(policy=[odd, "b"]), ax=axes[0])
+    user.draw_without_rendering()
+    assert axes[0].yaxis.label.get_parse_math()
+
+
+def test_figure_of_panels_with_one_axes_raises() -> None:
+    fig, axes = two_axes()
+    with pytest.raises(ValueError, match="ax has 1 axes for a figure of 2 panels; pass as many"):
+        profile_chart({"a": PROFILE, "b": PROFILE}, "factor", ax=axes[0])
+    assert profile_chart({"a": PROFILE, "b": PROFILE}, "factor", ax=axes) is fig
+    assert [each.get_title() for each in axes] == ["a", "b"]
+
+
+@pytest.mark.parametrize("what", ["guide", "success", "sensitivity", "mpc"])
+@pytest.mark.parametrize("name", ["column", "page"])
+def test_title_is_centred_over_the_panels(what: str, name: str) -> None:
+    with theme(name):
+        fig = FIGURES[what]()
+    fig.draw_without_rendering()
+    boxes = [axes.get_position() for axes in fig.axes if axes.get_visible()]
+    title = next(text for text in fig.texts if text.get_text() == fig.get_suptitle())
+    middle = (min(box.x0 for box in boxes) + max(box.x1 for box in boxes)) / 2
+    assert title.get_position()[0] == pytest.approx(middle, abs=1e-6)
+
+
+def test_maps_say_that_coinciding_paths_are_drawn_side_by_side() -> None:
+    note = "paths that coincide\nare drawn side by side"
+    apart = RUN.positions + np.array([[0.0, 0.0], [0.0, 3.0], [0.0, 6.0]])
+    assert note in legend_of(joint_map(SCENARIO, np.repeat(PATHS, 3, axis=1)))
+    assert note not in legend_of(joint_map(SCENARIO, apart))
+
+
+PATHS = GUIDE.positions[:, None]
+
+
+@pytest.mark.parametrize("last", [3.1, 7.0, 40.0, 5e4])
+def test_gap_chart_labels_ticks_of_every_range(last: float) -> None:
+    iterates = table(
+        solver=["fast"] * 3,
+        iteration=[0, 2, int(last)],
+        seconds=[2.1e-3, 2.5e-3, last * 1e-3],
+        gap=[0.5, 0.4, 0.3],
+        feasible=[True] * 3,
+    )
+    fig = gap_chart(iterates)
+    fig.draw_without_rendering()
+    for axis in (fig.axes[0].xaxis, fig.axes[1].xaxis, fig.axes[0].yaxis):
+        low, high = sorted(axis.get_view_interval())
+        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+        shown = [t for t in ticks if t.label1.get_text() and low <= t.get_loc() <= high]
+        assert len(shown) >= 2
+
+
 def test_theme_with_unknown_name_raises() -> None:
     words = "'poster' is unknown; allowed: column, page, slide"
     with pytest.raises(ValueError, match=words), theme("poster"):
@@ -266,6 +377,29 @@ def test_swarm_map_close_losses_share_label() -> None:
         positions[3, 2] = positions[2, 1] + [distance, 0.0]
         fig = swarm_map(SCENARIO, RunTrajectory(positions, alive, RUN.leaders))
         assert [text.get_text() for text in fig.axes[0].texts] == labels
+
+
+def large_swarm() -> RunTrajectory:
+    """Nine members, four of which are lost close to each other, and one elsewhere."""
+    positions = np.zeros((3, 9, 2)) + np.arange(9)[:, None] * [0.3, 0.1]
+    positions[:, :4] = [1.0, 1.0] + np.arange(4)[:, None] * [0.01, 0.0]
+    alive = np.ones((3, 9), bool)
+    alive[2, :5] = False
+    return RunTrajectory(positions, alive, np.full(2, -1))
+
+
+def test_crosses_of_close_losses_are_one_with_their_number() -> None:
+    run = large_swarm()
+    fig = swarm_map(SCENARIO, run)
+    (crosses,) = markers(fig.axes[0], "X")
+    assert len(np.ravel(crosses.get_xdata())) == 2
+    assert sorted(text.get_text() for text in fig.axes[0].texts) == ["", "×4"]
+    closeup = formation_chart(SCENARIO, run, steps=[2]).axes[0]
+    assert "×4" in [text.get_text() for text in closeup.texts]
+    moving = animate(SCENARIO, run)
+    moving.shown.show(len(moving.shown.centers) - 1)
+    assert len(markers(moving.shown.map, "X")) == 2
+    assert "×4" in [text.get_text() for text in moving.shown.map.texts]
 
 
 # --- charts

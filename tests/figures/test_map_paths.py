@@ -16,7 +16,8 @@ from casswarm._util.figure_style import MEMBERS
 from casswarm.chain import RunTrajectory
 from casswarm.figures import cost_to_go_map, formation_chart, joint_map, swarm_map, theme
 from casswarm.figures.animation import between
-from casswarm.figures.maps import LabelPlaces, free_place, joining_window, side_shifts
+from casswarm.figures.maps import LabelPlaces
+from casswarm.figures.member_paths import free_place, joining_window, side_shifts
 from casswarm.grid import CostToGoMap
 
 CORNERS = np.array([[0.0, 0.0], [10.0, 6.0]])

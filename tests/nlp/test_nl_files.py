@@ -192,6 +192,13 @@ def test_read_nl_refusal_names_file_and_reason(tmp_path: Path, name: str) -> Non
     assert refusal.value.file == tmp_path / "problem.nl"
 
 
+@pytest.mark.parametrize("line", ["S0 1 ", "C", "k1\n", "J0 "])
+def test_read_nl_refusal_quotes_at_most_a_few_words(tmp_path: Path, line: str) -> None:
+    with pytest.raises(ProblemError) as refusal:
+        read(tmp_path, SMALL.replace("x1\n", f"{line}{'9 ' * 50_000}\nx1\n"))
+    assert len(str(refusal.value)) < 200 + len(str(tmp_path))
+
+
 def test_read_nl_refuses_every_truncated_file(tmp_path: Path) -> None:
     lines = SMALL.splitlines(keepends=True)
     for count in range(len(lines)):

@@ -14,7 +14,7 @@ import pytest
 from commands import casswarm
 from devtools import opened, references
 
-from casswarm import CheckpointError, load_scenario
+from casswarm import CheckpointError, load_scenario, save_scenario
 from casswarm.results import ResultsFolder, simulation_page
 from casswarm.studies import paired_texts, summary_texts
 
@@ -214,3 +214,28 @@ def test_sliders_show_numbers_of_table(swept, tmp_path):
 @pytest.mark.slow
 def test_page_of_sweep_fits_a_phone(swept, tmp_path):
     assert opened(swept[1], tmp_path, width=500)["wide"] <= 0
+
+
+# --- texts of others
+
+NAME = "a <img src=x onerror=document.title='run'> \"' {{7*7}} % é"
+TEXT = f"</title></script><script>document.title = 'run'</script> {NAME} $x$ \\frac"
+
+
+@pytest.mark.slow  # browsers
+def test_pages_run_no_script_of_names_and_descriptions(tmp_path):
+    scenario = load_scenario("single-agent").with_values({"name": NAME, "description": TEXT})
+    save_scenario(scenario, tmp_path / "-s <b> p.toml")
+    common = ("--policy", "naive", "--report", "--quiet")
+    file = "./-s <b> p.toml"
+    casswarm(tmp_path, "simulate", file, "--runs", "5", *common, "--out", "sim <i>")
+    casswarm(tmp_path, "sweep", file, "--set", "hazard.alpha_1=1,2", *common, "--out", "sweep")
+    casswarm(tmp_path, "animate", "sim <i>", "--html", "--out", "-run $x$.html")
+    pages = list(tmp_path.rglob("*.html"))
+    assert len(pages) == 3
+    for number, page in enumerate(pages):
+        (tmp_path / str(number)).mkdir()
+        script = "window.answer = document.title"
+        seen = opened(page.read_text("utf-8"), tmp_path / str(number), script)
+        assert NAME in seen["answer"]
+        assert seen["mistakes"] == seen["requests"] == []

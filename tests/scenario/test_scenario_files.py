@@ -128,6 +128,13 @@ def test_scenario_of_deeply_nested_data_is_refused() -> None:
     assert "nesting of tables or arrays in it is too deep" in text
 
 
+@pytest.mark.parametrize("data", [{"x" * 100_000: 1}, {"name": "x" * 100_000}])
+def test_scenario_of_long_texts_is_refused_in_short(data: dict[str, object]) -> None:
+    text = message(Scenario.from_data, data)
+    assert "xxx..." in text
+    assert max(map(len, text.splitlines())) < 400
+
+
 # --- files written
 
 
