@@ -2,7 +2,7 @@
 
 Run in a checkout, with the installed package::
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/programs.py            # two minutes
+    OPENBLAS_NUM_THREADS=1 python benchmarks/programs.py            # three minutes
     OPENBLAS_NUM_THREADS=1 python benchmarks/programs.py --quick    # fewer instances
     python benchmarks/programs.py published                         # one table
 

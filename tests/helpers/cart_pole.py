@@ -37,7 +37,7 @@ def stepped(state: ca.SX, force: ca.SX, dt: float) -> ca.SX:
 
 
 def cart_pole(steps: int, dt: float) -> Nlp:
-    """A window of some steps of dt seconds; the parameter is the initial state, x the states, then the forces."""
+    """A window: the parameter is the initial state, x are the states, then the forces."""
     states, forces, first = ca.SX.sym("s", 4, steps), ca.SX.sym("u", steps), ca.SX.sym("first", 4)
     weights, before, cost, defects = ca.DM([1.0, 10.0, 0.1, 0.1]), first, 0.0, []
     for k in range(steps):
@@ -46,7 +46,8 @@ def cart_pole(steps: int, dt: float) -> Nlp:
         cost += ca.dot(weights, before**2) + 1e-2 * forces[k] ** 2
     cost += 10 * ca.dot(weights, before**2)
     variables = ca.vertcat(ca.vec(states), forces)
-    return Nlp.from_expressions(f"cart-pole-{steps}-{dt:g}", variables, first, cost, ca.vertcat(*defects))
+    name = f"cart-pole-{steps}-{dt:g}"
+    return Nlp.from_expressions(name, variables, first, cost, ca.vertcat(*defects))
 
 
 def cart_poles(

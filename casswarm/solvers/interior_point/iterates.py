@@ -49,7 +49,7 @@ def wrong_bounds(instances: Instances) -> dict[int, str]:
 
 
 def relaxed_bounds(instances: Instances, largest: float) -> Instances:
-    """Instances whose bounds, where they are not equal, are relaxed as in Ipopt, by up to `largest`.
+    """Relax bounds that are not equal as Ipopt does, by up to `largest`.
 
     Sets without an interior, such as those of complementarity constraints, have one then.
     """
@@ -406,7 +406,8 @@ class Results:
         broken = ~np.isfinite(error)
         self.end(iterates.rows[broken], Status.FAILED, "a function or derivative is not finite")
         diverged = ~(solved | broken) & (residuals.largest[4] > _DIVERGED) & options.restoration
-        self.fail(iterates, diverged, "the multipliers diverge: a constraint qualification may fail")
+        message = "the multipliers diverge: a constraint qualification may fail"
+        self.fail(iterates, diverged, message)
         return np.asarray(solved | broken | diverged)
 
     def keep(self, iterates: Iterates, gradient: FloatArray) -> None:

@@ -22,8 +22,8 @@ _ENOUGH = 0.1  # of the violation, at which the method goes on
 _LESS = 0.9  # likewise, where that is not reached: the required reduction of Ipopt's restoration
 _BARRIER = 1e-2  # of the sum of squares, at most, for nu
 _PUSH = 1e-2  # relative distance of slacks to their bounds
-_MAX_ITER, _HALVINGS = 200, 30
-_SLOW, _SMALLER = 100, 1e-4  # iterations after which nu falls with the sum of squares, to that
+_MAX_ITER, _HALVINGS = 100, 30
+_SLOW, _SMALLER = 30, 1e-4  # iterations after which nu falls with the sum of squares, to that
 _ARMIJO, _KEEP = 1e-4, 0.01
 
 
