@@ -2,7 +2,7 @@
 
 Run in a checkout, with the installed package::
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/programs.py            # two minutes
+    OPENBLAS_NUM_THREADS=1 python benchmarks/programs.py            # three minutes
     OPENBLAS_NUM_THREADS=1 python benchmarks/programs.py --quick    # fewer instances
     python benchmarks/programs.py published                         # one table
 
@@ -26,6 +26,7 @@ from _timing import arguments, print_table, timed
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from backend_cases import guide
+from cart_pole import cart_poles
 from hock_schittkowski import NUMBERS, published
 from window_cases import both, window
 
@@ -108,6 +109,13 @@ def of_hock_and_schittkowski(count: int) -> Iterator[Row]:
     )
 
 
+def of_a_cart_and_pole(count: int) -> Iterator[Row]:
+    """Windows of predictive control, short and long, from random initial states."""
+    for steps, dt in ((15, 0.05), (20, 0.05), (20, 0.08), (20, 0.1), (40, 0.05)):
+        name = f"cart-pole, {steps} steps of {dt:g} s"
+        yield compared(name, *cart_poles(count, steps, dt), max(5, count // 20))
+
+
 def around(one: Instances, count: int, spread: float) -> Instances:
     """Instances with random parameters and initial guesses around those of a single one."""
     rng = np.random.default_rng(0)
@@ -122,6 +130,7 @@ def around(one: Instances, count: int, spread: float) -> Instances:
 PARTS: dict[str, Callable[[int], Iterator[Row]]] = {
     "own": own,
     "published": of_hock_and_schittkowski,
+    "cart-pole": of_a_cart_and_pole,
 }
 
 if __name__ == "__main__":

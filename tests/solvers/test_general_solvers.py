@@ -33,7 +33,7 @@ Outcome = Literal["several", "fails", "near", "edge"]
 SEVERAL = "the start leads to another minimum, or rounding decides which"
 DEGENERATE = "no multipliers exist at the minimum: every method that looks for them struggles"
 ROUNDING = "at the minimum; whether it knows hangs on the last digits of its line search"
-NEAR_DEGENERATE = "auto", "interior-point", "ipopt", "pounce", "uno", "unopy"
+NEAR_DEGENERATE = "auto", "ipopt", "pounce", "uno", "unopy"
 
 OTHERWISE: dict[tuple[str, int], tuple[Outcome, str]] = {
     **{(s, 2): ("several", SEVERAL) for s in GENERAL if s != "sqp"},
@@ -42,7 +42,7 @@ OTHERWISE: dict[tuple[str, int], tuple[Outcome, str]] = {
     **{(s, 33): ("several", SEVERAL) for s in ("sqp", "uno", "unopy", "sleqp", "alpaqa", "slsqp")},
     ("unopy", 15): ("several", SEVERAL),
     **{(s, 13): ("near", DEGENERATE) for s in NEAR_DEGENERATE},
-    **{(s, 13): ("fails", DEGENERATE) for s in ("sqp", "sleqp", "alpaqa")},
+    **{(s, 13): ("fails", DEGENERATE) for s in ("interior-point", "sqp", "sleqp", "alpaqa")},
     ("slsqp", 13): ("near or fails", f"{DEGENERATE}; depends on the version of SciPy"),
     **{(s, 100): ("edge", ROUNDING) for s in ("sleqp", "slsqp")},
     ("sqp", 26): ("fails", "flat to the fourth order: its limit of iterations comes first"),

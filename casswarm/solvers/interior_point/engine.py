@@ -13,7 +13,8 @@ The method, and constants that are not explained, are those of A. Waechter and
 L. T. Biegler, On the implementation of an interior-point filter line-search algorithm for
 large-scale nonlinear programming, Math. Program. 106(1), 2006, with a restoration phase of its own
 (`restoration`). `scaling` poses the instances in units in which their gradients are neither large
-nor small.
+nor small. Instances that end without a solution near the constraints are solved again with relaxed
+bounds: the feasible sets of complementarity constraints have no interior otherwise.
 """
 
 from __future__ import annotations
@@ -25,7 +26,15 @@ from ...nlp.solution import Status
 from ...typing import IntArray
 from .derivatives import Problems
 from .iterate_kernels import LANES
-from .iterates import Iterates, Options, Residuals, Results, reduce_mu, wrong_bounds
+from .iterates import (
+    Iterates,
+    Options,
+    Residuals,
+    Results,
+    reduce_mu,
+    relaxed_bounds,
+    wrong_bounds,
+)
 from .restoration import restore
 from .steps import advance, estimate_multipliers
 
@@ -39,7 +48,28 @@ def minimise(problems: Problems, instances: Instances, options: Options, width: 
     results, wrong = Results.empty(instances, options.max_iter), wrong_bounds(instances)
     for row, message in wrong.items():
         results.end(np.array([row]), Status.FAILED, message)
-    waiting = np.setdiff1d(np.arange(len(instances)), list(wrong))
+    rows = np.setdiff1d(np.arange(len(instances)), list(wrong))
+    _solve(problems, instances, rows, results, options, width)
+    more = options.restoration & (results.iterations < options.max_iter)
+    again = np.flatnonzero(results.degenerate & more)
+    if again.size:
+        results.end(again, Status.ITERATION_LIMIT, results.limit)
+        relaxed = relaxed_bounds(instances, options.constraint_tolerance)
+        _solve(problems, relaxed, again, results, options, width)
+        solved = [row for row in again.tolist() if results.status[row].success]
+        results.end(np.array(solved, int), Status.SOLVED, "solved with relaxed bounds")
+    return results
+
+
+def _solve(
+    problems: Problems,
+    instances: Instances,
+    waiting: IntArray,
+    results: Results,
+    options: Options,
+    width: int,
+) -> None:
+    """Solve some instances, and write their results."""
     iterates = _started(problems, instances, waiting[:width], options)
     stuck, waiting = iterates[_NONE], waiting[width:]
     while iterates.rows.size or stuck.rows.size:
@@ -53,7 +83,6 @@ def minimise(problems: Problems, instances: Instances, options: Options, width: 
         if waiting.size and free >= (1 - _REFILL) * width:
             new = _started(problems, instances, waiting[:free], options)
             iterates, waiting = iterates.joined(new), waiting[free:]
-    return results
 
 
 def _started(
@@ -86,7 +115,7 @@ def _iterate(
         failed = stuck & ~(
             options.restoration & (iterates.violation > options.constraint_tolerance)
         )
-        results.end(rows[failed], Status.FAILED, "the line search found no better point")
+        results.fail(iterates, failed, "the line search found no better point")
         ended, stuck = ended | failed, stuck & ~failed
     if not (ended | stuck).any():
         return iterates, iterates[_NONE]
@@ -99,9 +128,9 @@ def _restored(problems: Problems, stuck: Iterates, results: Results, options: Op
     restored, iterations = restore(problems, stuck)
     results.iterations[stuck.rows] += iterations
     failed = stuck[~restored]
-    for row, violation in zip(failed.rows, failed.violation, strict=True):
+    for lane, violation in enumerate(failed.violation):
         message = f"{_INFEASIBLE}: the sum of violations was not reduced below {violation:.3g}"
-        results.end(row[None], Status.FAILED, message)
+        results.fail(failed, np.array([lane]), message)
     results.keep(failed, np.zeros_like(failed.y))
     again = stuck[restored]
     estimate_multipliers(problems, again, options.constr_mult_init_max)

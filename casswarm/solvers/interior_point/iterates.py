@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -18,6 +18,9 @@ INFINITE = 1e19
 """Size from which a bound is none."""
 
 _EQUAL, _NEAR = 1e-9, 1e-12  # width of bounds that count as equal, absolute and relative
+_RELAXED = 1e-8  # of bounds, relative to those above 1: Ipopt's bound_relax_factor
+_NEARLY_FEASIBLE = 1e-4  # sum of violations up to which a failure may be one of thin feasible sets
+_DIVERGED = 1e10  # of what residuals are relative to: multipliers of which no digit is left
 
 
 def are_equal(lower: FloatArray, upper: FloatArray) -> BoolArray:
@@ -43,6 +46,21 @@ def wrong_bounds(instances: Instances) -> dict[int, str]:
             text = f"nothing is between {low}[{k}] = {lower[row, k]:g} and {high}[{k}] = "
             wrong.setdefault(int(row), f"{text}{upper[row, k]:g}")
     return wrong
+
+
+def relaxed_bounds(instances: Instances, largest: float) -> Instances:
+    """Relax bounds that are not equal as Ipopt does, by up to `largest`.
+
+    Sets without an interior, such as those of complementarity constraints, have one then.
+    """
+    relaxed = {}
+    for low, high in (("lbx", "ubx"), ("lbg", "ubg")):
+        lower, upper = getattr(instances, low), getattr(instances, high)
+        free = ~are_equal(lower, upper)
+        for name, bound, sign in ((low, lower, -1.0), (high, upper, 1.0)):
+            width = np.minimum(largest, _RELAXED * np.maximum(1.0, abs(bound)))
+            relaxed[name] = np.where(free, bound + sign * width, bound)
+    return replace(instances, **relaxed)
 
 
 class Lanes:
@@ -195,7 +213,8 @@ class Options:
     constr_mult_init_max : float
         Largest initial multiplier of g that is estimated by least squares.
     restoration : bool
-        Whether the violation is reduced first where the line search finds no better point.
+        Whether, where the line search finds no better point, the violation is reduced first, or the
+        instance is solved with relaxed bounds.
     """
 
     tolerance: float
@@ -336,7 +355,11 @@ class Residuals:
 
 @dataclass(eq=False)
 class Results:
-    """Answers to B instances: x (B, nx), multipliers of bounds and of g, status, counts."""
+    """Answers to B instances: x (B, nx), multipliers of bounds and of g, status, counts.
+
+    `degenerate` (B,) are those that failed near the constraints; `limit` is the message of those
+    that end at the limit of iterations.
+    """
 
     x: FloatArray
     lam_x: FloatArray
@@ -345,19 +368,23 @@ class Results:
     message: list[str]
     iterations: IntArray
     evaluations: IntArray
+    degenerate: BoolArray
+    limit: str
 
     @classmethod
     def empty(cls, instances: Instances, max_iter: int) -> Results:
         """Before the first iteration."""
-        size = len(instances)
+        size, limit = len(instances), f"not solved in max_iter = {max_iter} iterations; allow more"
         return cls(
             instances.x0.copy(),
             np.zeros_like(instances.x0),
             np.zeros_like(instances.lbg),
             [Status.ITERATION_LIMIT] * size,
-            [f"not solved in max_iter = {max_iter} iterations; allow more"] * size,
+            [limit] * size,
             np.zeros(size, np.int64),
             np.ones(size, np.int64),
+            np.zeros(size, bool),
+            limit,
         )
 
     def end(self, rows: IntArray, status: Status, message: str) -> None:
@@ -365,14 +392,23 @@ class Results:
         for row in rows.tolist():
             self.status[row], self.message[row] = status, message
 
+    def fail(self, iterates: Iterates, some: BoolArray | IntArray, message: str) -> None:
+        """Note that some iterates end without a solution, and which are near the constraints."""
+        rows = iterates.rows[some]
+        self.end(rows, Status.FAILED, message)
+        self.degenerate[rows] = iterates.violation[some] <= _NEARLY_FEASIBLE
+
     def conclude(self, iterates: Iterates, residuals: Residuals, options: Options) -> BoolArray:
-        """Note which iterates are solutions, or not finite; return which (b,)."""
+        """Note which iterates are solutions, not finite, or have diverged; return which (b,)."""
         error, violation = residuals.error, residuals.violation
         solved = (error <= options.tolerance) & (violation <= options.constraint_tolerance)
         self.end(iterates.rows[solved], Status.SOLVED, "solved")
         broken = ~np.isfinite(error)
         self.end(iterates.rows[broken], Status.FAILED, "a function or derivative is not finite")
-        return np.asarray(solved | broken)
+        diverged = ~(solved | broken) & (residuals.largest[4] > _DIVERGED) & options.restoration
+        message = "the multipliers diverge: a constraint qualification may fail"
+        self.fail(iterates, diverged, message)
+        return np.asarray(solved | broken | diverged)
 
     def keep(self, iterates: Iterates, gradient: FloatArray) -> None:
         """Write the iterates of the instances that end.

@@ -5,7 +5,8 @@ For the iterates of some instances, Gauss-Newton steps with a line search reduce
     |r(x)|^2 / 2 - nu sum log(gaps of x),
 
 where r = g(x) - s, and s is the point nearest to g(x) that is well inside the bounds of g, until
-the violation is well below that of the beginning, and the filter accepts the point.
+the violation is well below that of the beginning, and the filter accepts the point. Where that is
+not reached, any point that the filter accepts with a violation clearly below will do.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from .iterate_kernels import FIXED, slopes
 from .iterates import Iterates
 
 _ENOUGH = 0.1  # of the violation, at which the method goes on
+_LESS = 0.9  # likewise, where that is not reached: the required reduction of Ipopt's restoration
 _BARRIER = 1e-2  # of the sum of squares, at most, for nu
 _PUSH = 1e-2  # relative distance of slacks to their bounds
 _MAX_ITER, _HALVINGS = 100, 30
+_SLOW, _SMALLER = 30, 1e-4  # iterations after which nu falls with the sum of squares, to that
 _ARMIJO, _KEEP = 1e-4, 0.01
 
 
@@ -41,8 +44,10 @@ def restore(problems: Problems, iterates: Iterates) -> tuple[BoolArray, IntArray
     nu = np.minimum(iterates.mu, _BARRIER * _squares(iterates, 0.0))
     restored, left = np.zeros(before.size, bool), np.arange(before.size)
     iterations = np.zeros(before.size, np.int64)
-    for _ in range(_MAX_ITER):
+    for iteration in range(_MAX_ITER):
         now = iterates[left]
+        if iteration >= _SLOW:
+            nu[left] = np.minimum(nu[left], _SMALLER * _squares(now, 0.0))
         moved = _advance(problems, now, nu[left])
         iterations[left] += 1
         iterates.move(left, (now.y, now.f, now.g, now.barrier))
@@ -52,6 +57,8 @@ def restore(problems: Problems, iterates: Iterates) -> tuple[BoolArray, IntArray
         left = left[moved & ~accepted]
         if not left.size:
             break
+    less = iterates.violation <= _LESS * before
+    restored |= less & iterates.filter.accepts(iterates.violation, iterates.merit)
     iterates.start_multipliers()
     return restored, iterations
 

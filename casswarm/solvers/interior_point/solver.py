@@ -38,6 +38,11 @@ from .scaling import ScaledProblems, Scaling
 STATIONARITY = 1e-4
 """Largest residual of the optimality conditions in the method's units, relative to multipliers."""
 
+_UNSCALED = 1.0  # largest stationarity in `Instances.scale`: Ipopt's dual_inf_tol
+_DIVERGENT = 1e4  # multipliers, in the method's units, that may not exist
+NO_MULTIPLIERS = "no multipliers found: a constraint qualification seems to fail (Fritz John point)"
+"""Message on points that are stationary only relative to multipliers without bound."""
+
 
 def verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling) -> BatchSolution:
     """Results with residuals of the program.
@@ -55,12 +60,15 @@ def verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling)
         length, value = instances.scale.T
         stationarity = np.maximum(length / value * gradient, products / value)
         relative = scaling.objective * np.maximum(scaling.length * gradient, products)
-        relative /= np.maximum(1.0, _largest_multipliers(results, scaling))
+        largest = _largest_multipliers(results, scaling)
+        relative /= np.maximum(1.0, largest)
     claimed = np.array([status.success for status in results.status], dtype=bool)
+    unscaled, divergent = stationarity > _UNSCALED, largest > _DIVERGENT
     faults = {
         "a residual is not finite": ~np.isfinite(objective + stationarity + violation),
         f"a constraint is violated by more than {VIOLATION:g}": violation > VIOLATION,
-        "the point is not stationary": relative > STATIONARITY,
+        "the point is not stationary": (relative > STATIONARITY) | (unscaled & ~divergent),
+        NO_MULTIPLIERS: unscaled & divergent,
     }
     messages = np.array(
         [f"{status}: {text}" for status, text in zip(results.status, results.message, strict=True)],
@@ -146,7 +154,9 @@ class FilterInteriorPoint(Solver):
         Largest initial multiplier of a constraint that is estimated by least squares; 0 for none.
     restoration : bool
         Whether the violation of the constraints is reduced first where the line search finds no
-        better point. Otherwise such an instance ends without a solution.
+        better point; where there is hardly any violation, or the multipliers diverge, the instance
+        is solved again with bounds relaxed by up to `constraint_tolerance`, and 1e-8 relative to
+        those above 1, as by Ipopt. Otherwise such an instance ends without a solution.
     scaling : bool
         Whether to solve in units of `Instances.scale`, and of the gradients of f and g at the
         initial guess where those are large or small.
