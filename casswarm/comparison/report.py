@@ -19,6 +19,7 @@ from .._util.figure_style import literal
 from .._util.files import atomic_write
 from .._util.text import aligned_table, counted, shortened, wrapped
 from ..errors import ComparisonError
+from ..nlp.conversion import START
 from ..solvers import SOLVERS
 from .charts import band_chart, gap_chart, profile_chart, ranking_chart, win_chart
 from .families import FAMILIES
@@ -200,7 +201,7 @@ def _overview(comparison: Comparison) -> pd.DataFrame:
     """Fraction solved and mean time: a row per solver, a column per family and start."""
     table = comparison.summary
     text = table["solved"].map(percent) + ", " + table["mean_ms"].map(milliseconds) + " ms"
-    group = table["family"] + ", " + table["start"]
+    group = table["family"] + ", " + table["start"].replace(START, start_text(START))
     wide = table.assign(text=text, group=group).pivot(
         index="solver", columns="group", values="text"
     )
