@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from solver_runs import run
 
-from casswarm.cli.compare import comparison_text
 from casswarm.comparison import (
     Tolerances,
     costs,
@@ -31,6 +30,7 @@ from casswarm.comparison.ranking import (
     sensitivity,
     strata,
 )
+from casswarm.comparison.report import comparison_text
 from casswarm.comparison.verification import by_solver
 from casswarm.figures import ranking_chart
 
