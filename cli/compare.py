@@ -11,7 +11,6 @@ import click
 
 import casswarm as csw
 
-from .._util.text import counted
 from .common import named_solver, work
 from .options import (
     COUNT,
@@ -27,45 +26,12 @@ from .options import (
     seed_option,
     solver_option,
 )
-from .output import aligned_table, say
+from .output import say
 
 if TYPE_CHECKING:
     from ..comparison import Agreement
     from ..comparison.report import Report
     from ..results.folder import ResultsFolder
-
-
-def comparison_text(comparison: csw.Comparison) -> str:
-    """A table for every family and start."""
-    from ..comparison.ranking import rank_note
-    from ..comparison.report import interval, milliseconds, percent
-
-    texts = []
-    summary = comparison.ranking.merge(comparison.summary.drop(columns="mean_ms"))
-    for (family, start), part in summary.groupby(["family", "start"], sort=False):
-        rows = [
-            {
-                "solver": str(row["solver"]),
-                "solved": percent(row["solved"]),
-                "best known": percent(row["best_known"]),
-                "mean ms": milliseconds(row["mean_ms"]),
-                "95 %": interval(row),
-                "rank": f"{row['rank']:g}",
-                "probability": percent(row["probability"]),
-            }
-            for row in part.to_dict("records")
-        ]
-        notes = [
-            f"{row['solver']}: {counted(row['false_positives'], 'false positive')} (reported as "
-            "solved, but not verified)"
-            for row in part.to_dict("records")
-            if row["false_positives"]
-        ]
-        notes += filter(None, [rank_note(part)])
-        problems = counted(int(part["problems"].iloc[0]), "problem")
-        title = f"{family}, {start} start, {problems}"
-        texts.append("\n".join([title, aligned_table(rows), *notes]))
-    return "\n\n".join(texts)
 
 
 @dataclass(frozen=True)
@@ -189,7 +155,7 @@ def compare(selection: CompareOptions, output: CompareOutput) -> None:
         )
         job.prepare_figures()
         _write_tables(folder, comparison)
-        text = comparison_text(comparison)
+        text = str(comparison)
         if earlier is not None:
             agreement = job.attempt("agreement", partial(_agreement, folder, comparison, earlier))
             text += f"\n\n{selection.against}: {agreement}" if agreement else ""

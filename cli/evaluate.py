@@ -10,6 +10,7 @@ import click
 
 import casswarm as csw
 
+from .._util.text import aligned_table
 from .common import load, named_policies, work
 from .options import (
     COUNT,
@@ -21,7 +22,6 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import aligned_table
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder

@@ -11,10 +11,9 @@ import click
 import casswarm as csw
 
 from .._util.documents import json_text
-from .._util.text import counted
+from .._util.text import aligned, aligned_table, counted, wrapped
 from .common import WrongInput, reported_errors
 from .options import allow_code_option, complete_scenario, options
-from .output import aligned, aligned_table, wrapped
 
 
 @dataclass(frozen=True)

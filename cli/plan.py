@@ -14,7 +14,7 @@ import click
 
 import casswarm as csw
 
-from .._util.text import counted
+from .._util.text import aligned_table, counted
 from .common import WrongInput, load, work
 from .options import (
     CommonOptions,
@@ -27,7 +27,7 @@ from .options import (
     seed_option,
     solver_option,
 )
-from .output import aligned_table, show_log
+from .output import show_log
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder

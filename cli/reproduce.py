@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .._util.text import did_you_mean
+from .._util.text import aligned_table, did_you_mean
 from .common import WrongInput, work
 from .options import COUNT, OutputOptions, ResultOptions, option, options, out_option, seed_option
-from .output import aligned_table
 
 if TYPE_CHECKING:
     from ..reproduction import Reproduction

@@ -10,7 +10,7 @@ import click
 
 import casswarm as csw
 
-from .._util.text import counted
+from .._util.text import aligned_table, counted
 from .common import Work, WrongInput, executor, load, named_policies, work
 from .options import (
     COUNT,
@@ -24,7 +24,6 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import aligned_table
 
 if TYPE_CHECKING:
     from ..results.folder import ResultsFolder

@@ -12,7 +12,7 @@ import click
 
 import casswarm as csw
 
-from .._util.text import counted
+from .._util.text import aligned, counted
 from .common import Failure, WrongInput, executor, named_policies, work
 from .options import (
     COUNT,
@@ -25,7 +25,6 @@ from .options import (
     refuse,
     seed_option,
 )
-from .output import aligned
 
 _MAX_COUNT = 1000  # values of a range
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -53,3 +54,41 @@ def shortened(text: str, length: int = 60) -> str:
 def quoted(value: object, length: int = 60) -> str:
     """Representation of a value of somebody else, cut to a length."""
     return shortened(repr(value), length)
+
+
+WIDTH = 80
+"""Number of characters in a line of printed text; only a longer word exceeds it."""
+
+
+def aligned(rows: Sequence[tuple[str, ...]], labels: int = 1) -> str:
+    """Rows as columns of text, the first to the left and the others to the right.
+
+    Columns that do not fit in `WIDTH` are in further tables below, after the first `labels` columns
+    again.
+    """
+    columns: list[list[str]] = []
+    for cells in zip(*rows, strict=True):
+        width = max(map(len, cells))
+        columns.append([cell.rjust(width) if columns else cell.ljust(width) for cell in cells])
+    tables = [columns[:labels]]
+    for column in columns[labels:]:
+        wider = [*tables[-1], column]
+        if len(tables[-1]) > labels and len("  ".join(cells[0] for cells in wider)) > WIDTH:
+            tables.append(wider := [*columns[:labels], column])
+        tables[-1] = wider
+    return "\n\n".join(
+        "\n".join("  ".join(row).rstrip() for row in zip(*table, strict=True)) for table in tables
+    )
+
+
+def aligned_table(rows: Sequence[Mapping[Any, str]]) -> str:
+    """Records of texts as aligned columns, with their keys as the header."""
+    return aligned([tuple(rows[0]), *(tuple(row.values()) for row in rows)])
+
+
+def wrapped(text: str, indent: int = 2) -> str:
+    """Text whose lines are at most `WIDTH` long; what continues a line is indented."""
+    fit = textwrap.TextWrapper(
+        WIDTH, subsequent_indent=indent * " ", break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(fit.fill(line) if len(line) > WIDTH else line for line in text.split("\n"))

@@ -248,8 +248,9 @@ class Problem:
         digest = hashlib.sha256(f"{self.name} {self.family} {self.nlp.name}".encode())
         for start, instances in self.starts.items():
             digest.update(start.encode())
-            for part in ("x0", "p", "lbx", "ubx", "lbg", "ubg"):
-                digest.update(np.ascontiguousarray(getattr(instances, part)).tobytes())
+            for name in ("x0", "p", "lbx", "ubx", "lbg", "ubg", "lam_x0", "lam_g0"):
+                part = getattr(instances, name)
+                digest.update(b"" if part is None else np.ascontiguousarray(part).tobytes())
             values = self.nlp.evaluate(instances.x0[0], instances.p[0])
             digest.update(b"".join(np.asarray(value).tobytes() for value in values))
         return digest.hexdigest()[:16]

@@ -30,7 +30,7 @@ from ..errors import ComparisonError
 from ..typing import FloatArray
 from .families import FAMILIES
 from .profiles import LEVEL, cluster_means, rank_probabilities, ranks, resampled_means
-from .verification import SHIFT, costs, groups
+from .verification import SHIFT, costs, groups, start_text
 
 if TYPE_CHECKING:
     from .result import Comparison
@@ -105,6 +105,34 @@ def rank_note(ranked: pd.DataFrame) -> str:
         f"fewer than {ENOUGH} problems: probabilities of ranks are overconfident (0.94 was right "
         "in 73 to 93 % of simulated comparisons)"
     )
+
+
+def pooled_ranking(table: pd.DataFrame, time_limit: float) -> pd.DataFrame:
+    """Ranks by (family, solver) over all kinds of starts together, the best first.
+
+    A problem with all of its starts and copies is one of the problems that are resampled, so that
+    error bars do not shrink with the number of starts. Solvers that do not apply from some start
+    are left out.
+
+    Parameters
+    ----------
+    table, time_limit
+        As of `ranking`.
+
+    Returns
+    -------
+    DataFrame
+        Columns: family; starts, their number; and those of `ranking` from solver on.
+    """
+    starts = pd.DataFrame(groups(table), columns=["family", "start"])
+    parts = []
+    for family, part in starts.groupby("family", sort=False):
+        times = [costs(table, str(family), start, "solve_seconds") for start in part["start"]]
+        ranked = rank_solvers(pd.concat(times, join="inner"), time_limit, family=str(family))
+        ranked.insert(0, "family", family)
+        ranked.insert(1, "starts", len(part))
+        parts.append(ranked)
+    return pd.concat(parts, ignore_index=True)
 
 
 def rank_solvers(
@@ -296,7 +324,7 @@ class Agreement:
             f"{int(table['mean_within'].sum())} mean times are within both intervals"
         ]
         lines += [
-            f"{row.family}, {row.start} start, {row.criterion}: {row.solver} has rank "
+            f"{row.family}, {start_text(str(row.start))}, {row.criterion}: {row.solver} has rank "
             f"{row.rank:g} ({row.rank_low:g} to {row.rank_high:g}), in the other "
             f"{row.rank_other:g} ({row.rank_low_other:g} to {row.rank_high_other:g})"
             for row in bad.itertuples()

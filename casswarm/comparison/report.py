@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,10 @@ from matplotlib.figure import Figure
 
 from .._util.documents import data_uri, figure_uri, render
 from .._util.figure_style import literal
-from .._util.text import counted, shortened
+from .._util.files import atomic_write
+from .._util.text import aligned_table, counted, shortened, wrapped
+from ..errors import ComparisonError
+from ..nlp.conversion import START
 from ..solvers import SOLVERS
 from .charts import band_chart, gap_chart, profile_chart, ranking_chart, win_chart
 from .families import FAMILIES
@@ -40,6 +44,7 @@ from .verification import (
     failures,
     groups,
     not_applicable,
+    start_text,
 )
 
 Drawing = partial[Figure]
@@ -131,6 +136,51 @@ def make_report(comparison: Comparison) -> Report:
     return Report(content, tables, figures(comparison))
 
 
+def write_report(comparison: Comparison, path: Path) -> None:
+    """Write a report as an HTML page or as Markdown: see `Comparison.report`."""
+    if path.suffix not in (".html", ".md"):
+        message = f"path = {str(path)!r}; allowed: files that end in .html or .md"
+        raise ComparisonError(message, key="path", value=str(path))
+    report = make_report(comparison)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".html":
+        atomic_write(path, report.html())
+        return
+    for name, draw in report.figures.items():
+        draw().savefig(path.with_name(f"{name}.png"), dpi=130, bbox_inches="tight")
+    atomic_write(path, report.markdown())
+
+
+def comparison_text(comparison: Comparison) -> str:
+    """A table for every family and start, in lines of at most 80 characters."""
+    texts = []
+    summary = comparison.ranking.merge(comparison.summary.drop(columns="mean_ms"))
+    for (family, start), part in summary.groupby(["family", "start"], sort=False):
+        rows = [
+            {
+                "solver": str(row["solver"]),
+                "solved": percent(row["solved"]),
+                "best known": percent(row["best_known"]),
+                "mean ms": milliseconds(row["mean_ms"]),
+                "95 %": interval(row),
+                "rank": f"{row['rank']:g}",
+                "probability": percent(row["probability"]),
+            }
+            for row in part.to_dict("records")
+        ]
+        notes = [
+            f"{row['solver']}: {counted(row['false_positives'], 'false positive')} (reported as "
+            "solved, but not verified)"
+            for row in part.to_dict("records")
+            if row["false_positives"]
+        ]
+        notes += filter(None, [rank_note(part)])
+        problems = counted(int(part["problems"].iloc[0]), "problem")
+        title = f"{family}, {start_text(str(start))}, {problems}"
+        texts.append("\n".join([title, aligned_table(rows), *notes]))
+    return wrapped("\n\n".join(texts))
+
+
 def report_tables(comparison: Comparison) -> dict[str, pd.DataFrame]:
     """The report's tables by name."""
     runs = comparison.runs
@@ -151,7 +201,7 @@ def _overview(comparison: Comparison) -> pd.DataFrame:
     """Fraction solved and mean time: a row per solver, a column per family and start."""
     table = comparison.summary
     text = table["solved"].map(percent) + ", " + table["mean_ms"].map(milliseconds) + " ms"
-    group = table["family"] + ", " + table["start"]
+    group = table["family"] + ", " + table["start"].replace(START, start_text(START))
     wide = table.assign(text=text, group=group).pivot(
         index="solver", columns="group", values="text"
     )
@@ -221,7 +271,7 @@ def _answer(family: str, start: str, tables: Mapping[str, pd.DataFrame]) -> str:
 
 
 def _heading(family: str, start: str) -> str:
-    return f"{family[:1].upper()}{family[1:]}, {start} start"
+    return f"{family[:1].upper()}{family[1:]}, {start_text(start)}"
 
 
 def interval(row: Mapping[Any, Any], form: str = "{}") -> str:
@@ -344,7 +394,7 @@ def overview(comparison: Comparison) -> Drawing:
     """Performance profiles of solving, a panel for every family and start."""
     panels = (
         _Panel(
-            f"{family}, {start} start",
+            f"{family}, {start_text(start)}",
             performance_profile(costs(comparison.runs, family, start, "solve_seconds")),
             _FACTOR,
         )
@@ -389,7 +439,7 @@ def _group_figures(
             partial(
                 gap_chart,
                 history.iterates,
-                title=f"{literal(problem)}, {start} start: convergence",
+                title=f"{literal(problem)}, {start_text(start)}: convergence",
                 order=order,
                 missing=tuple(history.missing),
             ),
@@ -424,5 +474,5 @@ def _profiles(panels: Iterable[_Panel], title: str, order: Sequence[str]) -> Dra
 def _title(family: str, start: str, times: pd.DataFrame) -> str:
     number = times.index.nunique()
     copies = len(times) // number - 1
-    text = f"{literal(family)}, {start} start, {counted(number, 'problem')}"
+    text = f"{literal(family)}, {start_text(start)}, {counted(number, 'problem')}"
     return f"{text} and {counted(copies, 'copy', 'copies')} of each" if copies else text

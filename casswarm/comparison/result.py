@@ -32,8 +32,8 @@ from ..solvers import Isolated
 from ..typing import FloatArray
 from .problem import Problem
 from .profiles import performance_profile
-from .ranking import Agreement, agreement, ranking
-from .verification import Tolerances, costs, gap_unit, summary
+from .ranking import Agreement, agreement, pooled_ranking, ranking
+from .verification import Tolerances, costs, gap_unit, start_text, summary
 
 NOT_REPORTED = "reports no iterates"
 """Why a solver that took part has no convergence history."""
@@ -73,7 +73,7 @@ class Convergence(Displayed):
 
     def __repr__(self) -> str:
         solvers = ", ".join(self.iterates["solver"].unique()) or "no solver"
-        return f"<Convergence on {self.problem}, {self.start} start, of {solvers}>"
+        return f"<Convergence on {self.problem}, {start_text(self.start)}, of {solvers}>"
 
 
 def iterate_columns(
@@ -153,6 +153,14 @@ class Comparison(Displayed):
     def ranking(self) -> pd.DataFrame:
         """Ranks by (family, start, solver); see `casswarm.comparison.ranking.ranking`."""
         return ranking(self.runs, float(self.inputs["time_limit"]))
+
+    @cached_property
+    def pooled_ranking(self) -> pd.DataFrame:
+        """Ranks by (family, solver), all starts together, each problem with its starts one unit.
+
+        See `casswarm.comparison.ranking.pooled_ranking`.
+        """
+        return pooled_ranking(self.runs, float(self.inputs["time_limit"]))
 
     def profile(
         self,
@@ -250,6 +258,24 @@ class Comparison(Displayed):
         """
         return agreement(self, other)
 
+    def report(self, path: str | Path) -> None:
+        """Write the report of ``casswarm compare``: answer, set-up, tables and figures.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that ends in .html, a page that contains its figures; or in .md, Markdown with
+            the figures beside it as PNG files. Existing files are replaced.
+
+        Raises
+        ------
+        ComparisonError
+            Another ending.
+        """
+        from .report import write_report  # imports this module
+
+        write_report(self, Path(path))
+
     def save(self, folder: str | Path) -> None:
         """Save the comparison in a folder, from which `load` reads it; existing files are replaced.
 
@@ -290,7 +316,9 @@ class Comparison(Displayed):
         )
 
     def __str__(self) -> str:
-        return self.summary.to_string(index=False)
+        from .report import comparison_text  # imports this module
+
+        return comparison_text(self)
 
 
 def _require_known(column: str, value: str | None, table: pd.DataFrame) -> None:

@@ -12,6 +12,7 @@ import pandas as pd
 
 from .._util.text import shown
 from ..errors import ComparisonError
+from ..nlp.conversion import START
 from ..nlp.solution import Status
 from ..solvers.base import VIOLATION
 from .profiles import shifted_geometric_mean
@@ -151,6 +152,11 @@ def groups(table: pd.DataFrame) -> list[tuple[str, str]]:
     """Families and starts to which some solver applies, in order."""
     pairs = table.loc[table["applicable"], ["family", "start"]].drop_duplicates()
     return list(pairs.itertuples(index=False, name=None))
+
+
+def start_text(start: str) -> str:
+    """Words for a kind of start; a problem that has a single one was given with it."""
+    return "given initial guess" if start == START else f"{start} start"
 
 
 def by_problem(table: pd.DataFrame) -> pd.DataFrame:

@@ -35,6 +35,7 @@ from .._util.figure_style import (
     themed,
     wrap,
 )
+from .._util.text import shown
 from ..chain.monte_carlo import RunTrajectory
 from ..guide.guide import Guide
 from ..scenario import Scenario
@@ -331,10 +332,10 @@ def animate(
             "animate a study, with policy= and run=, or a scenario with the trajectory of a run"
         )
     if not steps_per_second > 0:
-        raise ValueError(f"steps_per_second = {steps_per_second!r}; allowed: above 0")
+        raise ValueError(f"steps_per_second = {shown(steps_per_second)}; allowed: above 0")
     per_step = int(np.clip(1000.0 / (steps_per_second * _SHORTEST), 1, _PER_STEP))
-    shown = RunFigure(scenario, trajectory, guide, title or scenario.name, per_step)
-    return RunAnimation(shown, 1000.0 / (steps_per_second * per_step))
+    figure = RunFigure(scenario, trajectory, guide, title or scenario.name, per_step)
+    return RunAnimation(figure, 1000.0 / (steps_per_second * per_step))
 
 
 def _saved_run(

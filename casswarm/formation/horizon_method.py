@@ -105,7 +105,7 @@ class InteriorPoint(BatchSolver):
         seconds = execute(minimise_batch, batch, arguments, _PER_THREAD)
         results.verified[:, 1] *= data.scale[:, 0]
         results = results._replace(x=results.x.reshape(instances.x0.shape))
-        return InteriorPointRun(results, seconds, nlp, instances, multipliers)
+        return InteriorPointRun(results, seconds, instances, nlp, multipliers)
 
 
 def _starts(number: int, sets: TrajectorySets, x0: FloatArray) -> Starts:
@@ -122,7 +122,6 @@ class InteriorPointRun(BatchRun):
     """The answers of one batch, with the multipliers of the slacks, (B, H, n, 6), in units."""
 
     nlp: Nlp
-    instances: Instances
     slack_multipliers: FloatArray
 
     def multipliers(self, i: int) -> tuple[FloatArray, FloatArray]:

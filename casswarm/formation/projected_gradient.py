@@ -61,6 +61,7 @@ class BatchRun:
 
     results: Results
     seconds: float
+    instances: Instances
 
     def solution(self, success: BoolArray) -> BatchSolution:
         """The answers as arrays; one that violates its constraints is never a success."""
@@ -74,6 +75,9 @@ class BatchRun:
             used_fallback=np.zeros(len(success), bool),
             seconds=self.seconds,
             messages=np.full(len(success), "", dtype=object),
+            lam_x=np.broadcast_to(np.nan, self.results.x.shape),
+            lam_g=np.broadcast_to(np.nan, self.instances.lbg.shape),
+            iterations=self.results.counts[:, 0],
         )
 
     def answers(self) -> list[Answer]:
@@ -212,7 +216,8 @@ def _compiled_run(
     )
     results = Results.empty(x0.shape)
     arguments = compiled.evaluate, data, method, results
-    return BatchRun(results, execute(minimise_batch, len(x0), arguments, per_thread))
+    seconds = execute(minimise_batch, len(x0), arguments, per_thread)
+    return BatchRun(results, seconds, instances)
 
 
 _CHUNK = 256  # instances evaluated at once

@@ -304,7 +304,22 @@ class FeasibleSet(Protocol):
         """The sets of some of the instances."""
 
 
+def _numbers(name: str, values: Any) -> FloatArray:
+    """Array of real numbers; SolverError for anything else."""
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "cSUmM":
+            return np.asarray(array, dtype=float)
+    except (TypeError, ValueError):  # of lists of different lengths, or of objects
+        kind = f"a {type(values).__name__}"
+    else:
+        kind = f"an array of {array.dtype}"
+    message = f"{name} of the instances is {kind}; allowed: arrays of real numbers"
+    raise SolverError(message, key=name, kind=kind)
+
+
 _COLUMNS = {"x0": 0, "p": 1, "lbx": 0, "ubx": 0, "lbg": 2, "ubg": 2, "scale": 3}
+_COLUMNS |= {"lam_x0": 0, "lam_g0": 2}
 """Arrays of instances: as many columns as variables, parameters or constraints (0 to 2), or two."""
 
 
@@ -328,11 +343,19 @@ class Instances:
     scale : (B, 2)
         A typical length of x and a typical value of f: what tolerances are relative to. Ones by
         default.
+    lam_x0 : (B, nx), optional
+        Initial guesses of the multipliers of the bounds on x, positive at an upper bound, such as
+        those of a `BatchSolution`; NaN where there are none. Solvers that do not start from
+        multipliers ignore them.
+    lam_g0 : (B, ng), optional
+        Likewise of g; none without `lam_x0`.
 
     Raises
     ------
     SolverError
-        Arrays that do not have a row for each instance, or one for all of them.
+        Arrays that are not of real numbers, or do not have a row for each instance, or one for all
+        of them; a `scale` that is not above zero; or one of `lam_x0` and `lam_g0` without the
+        other.
     """
 
     x0: FloatArray
@@ -343,12 +366,18 @@ class Instances:
     ubg: FloatArray
     feasible_set: FeasibleSet | None = None
     scale: FloatArray = field(default_factory=lambda: np.ones((1, 2)))
+    lam_x0: FloatArray | None = None
+    lam_g0: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "x0", np.asarray(self.x0, dtype=float))
+        object.__setattr__(self, "x0", _numbers("x0", self.x0))
         batch = self.x0.shape[:1]
-        for name in _COLUMNS:
-            array = np.asarray(getattr(self, name), dtype=float)
+        if (self.lam_x0 is None) is not (self.lam_g0 is None):
+            missing = "lam_x0" if self.lam_x0 is None else "lam_g0"
+            message = f"{missing} of the instances is missing; give both lam_x0 and lam_g0, or none"
+            raise SolverError(message, key=missing)
+        for name in self._arrays:
+            array = self.x0 if name == "x0" else _numbers(name, getattr(self, name))
             rows = array.shape[:-1]
             shared = name != "x0" and array.ndim in (1, 2) and rows in ((), (1,))
             if self.x0.ndim != 2 or not (shared or rows == batch):
@@ -357,14 +386,25 @@ class Instances:
             if name != "x0":
                 array = np.broadcast_to(array, (*batch, array.shape[-1]))
             object.__setattr__(self, name, array)
+        wrong = np.argwhere(~((self.scale > 0.0) & np.isfinite(self.scale)))
+        if len(wrong):
+            (i, k), value = wrong[0], float(self.scale[tuple(wrong[0])])
+            message = f"scale[{i}, {k}] of the instances is {value:g}; allowed: above 0, finite"
+            raise SolverError(message, key="scale", value=value)
 
     def require_fit(self, nlp: Nlp) -> None:
         """Raise SolverError if an array does not have the shape that a program needs."""
         widths = *nlp.sizes, 2
-        for name, part in _COLUMNS.items():
-            shape, expected = getattr(self, name).shape, (len(self), widths[part])
+        for name in self._arrays:
+            shape, expected = getattr(self, name).shape, (len(self), widths[_COLUMNS[name]])
             if shape != expected:
                 raise _wrong_shape(name, shape, f"{expected} for the program {nlp.name!r}")
+
+    @property
+    def _arrays(self) -> list[str]:
+        """Names of the arrays that there are."""
+        absent = {name for name in ("lam_x0", "lam_g0") if getattr(self, name) is None}
+        return [name for name in _COLUMNS if name not in absent]
 
     def __reduce__(self) -> tuple[Any, ...]:
         # the constructor makes broadcast arrays read-only again
@@ -385,6 +425,14 @@ class Instances:
     def _values(self) -> tuple[Any, ...]:
         return tuple(getattr(self, part.name) for part in fields(self))
 
-    def with_x0(self, x0: FloatArray) -> Instances:
-        """The same instances with other initial guesses."""
-        return replace(self, x0=x0)
+    def with_x0(
+        self,
+        x0: FloatArray,
+        lam_x0: FloatArray | None = None,
+        lam_g0: FloatArray | None = None,
+    ) -> Instances:
+        """The same instances with other initial guesses, of x and of the multipliers.
+
+        Without the latter they have none: multipliers of another point do not belong to these.
+        """
+        return replace(self, x0=x0, lam_x0=lam_x0, lam_g0=lam_g0)

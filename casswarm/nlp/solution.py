@@ -184,6 +184,13 @@ class BatchSolution:
         Time for the whole batch.
     messages : (B,) str
         Status and message of every solve; empty for those of compiled batch solvers.
+    lam_x : (B, nx)
+        Multipliers of the bounds on x, positive at an upper bound, as CasADi's. NaN where the
+        solver has none, as those of compiled batch solvers.
+    lam_g : (B, ng)
+        Likewise of g.
+    iterations : (B,) int
+        As the solver counts them.
     sensitivities : Sensitivities, optional
         Derivatives by the parameters, where they are asked for.
     """
@@ -196,6 +203,9 @@ class BatchSolution:
     used_fallback: BoolArray
     seconds: float
     messages: NDArray[np.object_]
+    lam_x: FloatArray
+    lam_g: FloatArray
+    iterations: IntArray
     sensitivities: Sensitivities | None = None
 
     def __repr__(self) -> str:
@@ -203,16 +213,29 @@ class BatchSolution:
         return (
             f"BatchSolution({int(self.success.sum())} of {len(self.x)} solved, "
             f"{int(self.used_fallback.sum())} by the fallback, violation<={largest[0]:.1e}, "
-            f"stationarity of the solved<={largest[1]:.1e}, x of shape {self.x.shape}, "
+            f"stationarity of the solved<={largest[1]:.1e}, "
+            f"iterations<={self.iterations.max(initial=0)}, x of shape {self.x.shape}, "
             f"seconds={self.seconds:.3g})"
         )
 
     @classmethod
-    def from_solutions(cls, solutions: Sequence[Solution], scale: FloatArray) -> BatchSolution:
-        """Batch of single solutions; `scale` (B, 2) is that of x and f."""
+    def from_solutions(
+        cls,
+        solutions: Sequence[Solution],
+        scale: FloatArray,
+        multipliers: tuple[FloatArray, FloatArray] | None = None,
+    ) -> BatchSolution:
+        """Batch of single solutions; `scale` (B, 2) is that of x and f.
+
+        Without `multipliers`, (B, nx) and (B, ng), those of the bounds are NaN, and g has none.
+        """
         factor = scale[:, 0] / scale[:, 1]
+        x = np.array([s.x for s in solutions])
+        if multipliers is None:
+            multipliers = np.full_like(x, np.nan), np.empty((len(x), 0))
+        lam_x, lam_g = multipliers
         return cls(
-            x=np.array([s.x for s in solutions]),
+            x=x.reshape(lam_x.shape),
             objective=np.array([s.objective for s in solutions]),
             success=np.array([s.status.success for s in solutions], dtype=bool),
             violation=np.array([s.residuals.violation for s in solutions]),
@@ -220,6 +243,9 @@ class BatchSolution:
             used_fallback=np.zeros(len(solutions), bool),
             seconds=sum(s.solve_seconds for s in solutions),
             messages=np.array([f"{s.status}: {s.message}" for s in solutions], dtype=object),
+            lam_x=lam_x,
+            lam_g=lam_g,
+            iterations=np.array([s.iterations for s in solutions], dtype=np.int64),
         )
 
     def with_rows(self, rows: IntArray, other: BatchSolution) -> BatchSolution:

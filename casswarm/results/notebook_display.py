@@ -18,6 +18,7 @@ from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..chain.distribution import OutcomeDistribution
 from ..comparison import Comparison, Convergence
+from ..comparison.verification import start_text
 from ..figures import (
     arrival_chart,
     gap_chart,
@@ -187,7 +188,7 @@ def _(result: Convergence) -> View:
     last = result.iterates.groupby("solver", sort=False).tail(1)
     table = last.drop(columns="feasible").map(lambda x: f"{x:.6g}" if isinstance(x, float) else x)
     notes = "\n".join(f"{solver}: {reason}" for solver, reason in result.missing.items())
-    title = f"{result.problem}, {result.start} start"
+    title = f"{result.problem}, {start_text(result.start)}"
     more: dict[str, Any] = {
         "title": literal(title),
         "order": result.solvers,

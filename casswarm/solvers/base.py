@@ -280,12 +280,7 @@ class Solver(ABC):
             Instances whose arrays do not fit the program, a kind of problem that the backend cannot
             solve, or an instance that it does not answer.
         """
-        with interruptible():  # CasADi's calls before and after a solve can lose an interrupt
-            seconds, answers = self.timed_answers(nlp, instances)
-            return [
-                self.verified(nlp, instances[i : i + 1], answer, seconds)
-                for i, answer in enumerate(answers)
-            ]
+        return self._solved(nlp, instances)[1]
 
     def solve_batch(
         self, nlp: Nlp, instances: Instances, *, sensitivities: bool = False
@@ -296,7 +291,18 @@ class Solver(ABC):
         """
         if sensitivities:
             return differentiated(nlp, instances, self.solve_batch(nlp, instances))
-        return BatchSolution.from_solutions(self.solve(nlp, instances), instances.scale)
+        answers, solutions = self._solved(nlp, instances)
+        multipliers = _multipliers(answers, instances)
+        return BatchSolution.from_solutions(solutions, instances.scale, multipliers)
+
+    def _solved(self, nlp: Nlp, instances: Instances) -> tuple[Sequence[Answer], list[Solution]]:
+        """Answers to every instance, and the verified solutions."""
+        with interruptible():  # CasADi's calls before and after a solve can lose an interrupt
+            seconds, answers = self.timed_answers(nlp, instances)
+            return answers, [
+                self.verified(nlp, instances[i : i + 1], answer, seconds)
+                for i, answer in enumerate(answers)
+            ]
 
     def timed_answers(self, nlp: Nlp, instances: Instances) -> tuple[float, Sequence[Answer]]:
         """Seconds of preparing, and an answer to every instance, not verified.
@@ -357,6 +363,16 @@ class Solver(ABC):
         return answers
 
 
+def _multipliers(answers: Sequence[Answer], instances: Instances) -> tuple[FloatArray, FloatArray]:
+    """Multipliers of answers, (B, nx) and (B, ng); NaN where a backend has none."""
+    lam_x, lam_g = np.full_like(instances.x0, np.nan), np.full(instances.lbg.shape, np.nan)
+    for i, answer in enumerate(answers):
+        given = answer.multipliers
+        if given is not None and tuple(map(np.shape, given)) == (lam_x[i].shape, lam_g[i].shape):
+            lam_x[i], lam_g[i] = given
+    return lam_x, lam_g
+
+
 def _explained(nlp: Nlp, instance: Instances, answer: Answer, residuals: Residuals) -> str:
     """Message of an answer; of a failure, with the name of a derivative that is not finite."""
     explicable = not answer.status.success and np.isfinite(answer.x).all()
@@ -404,17 +420,11 @@ def settings(solver: Solver) -> dict[str, Any]:
     return filled(solver.backend_options)
 
 
-def differentiated(
-    nlp: Nlp,
-    instances: Instances,
-    solution: BatchSolution,
-    multipliers: tuple[FloatArray, FloatArray] | None = None,
-) -> BatchSolution:
+def differentiated(nlp: Nlp, instances: Instances, solution: BatchSolution) -> BatchSolution:
     """The solution with its `sensitivities`."""
     from .sensitivity import sensitivities  # seldom needed
 
-    found = sensitivities(nlp, instances, solution, multipliers)
-    return replace(solution, sensitivities=found)
+    return replace(solution, sensitivities=sensitivities(nlp, instances, solution))
 
 
 def failed(instances: Instances, message: str, status: Status = Status.FAILED) -> list[Answer]:

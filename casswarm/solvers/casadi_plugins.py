@@ -68,6 +68,8 @@ class NlpsolSolver(Solver):
     """Whether the backend is given the program's `LagrangianHessian`, if any."""
     prints_to_stdout: ClassVar[bool] = False
     """Whether the backend prints regardless of its options, and must be silenced."""
+    warm_start: ClassVar[Mapping[str, Any]] = {}
+    """Options that hold where the instance has multipliers and the solver's fields leave them."""
     needs_constraint_row: ClassVar[bool] = False
     """Whether the backend needs a row in g; where there is none, an unbounded one is added."""
 
@@ -94,7 +96,12 @@ class NlpsolSolver(Solver):
     @override
     def run(self, nlp: Nlp, instances: Instances) -> Sequence[Answer]:
         function = _compiled(self, nlp)
-        return [self._solve(function, instances, i) for i in range(len(instances))]
+        answers = []
+        for i in range(len(instances)):
+            warm = bool(_multipliers(instances, i))
+            one = _compiled(self, nlp, warm) if warm else function
+            answers.append(self._solve(one, instances, i))
+        return answers
 
     @override
     def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
@@ -109,7 +116,8 @@ class NlpsolSolver(Solver):
         rows = max(rows, int(self.needs_constraint_row))
         results = variables, 1, rows, variables, rows, parameters + 2  # x, f, g and multipliers
         callback = DenseCallback("iterates", record, results, (1, 1))
-        function = _built(self, nlp, {"iteration_callback": callback})
+        warm = bool(_multipliers(instance, 0))
+        function = _built(self, nlp, {"iteration_callback": callback}, warm)
         answer = self._solve(function, instance, 0)
         if answer.seconds < _WARM_UP_SECONDS:  # the first call of a function takes longer
             log = IterateLog()
@@ -133,6 +141,7 @@ class NlpsolSolver(Solver):
                     ubx=instances.ubx[i] / length,
                     lbg=-np.inf if free else instances.lbg[i],
                     ubg=np.inf if free else instances.ubg[i],
+                    **({} if free else _multipliers(instances, i)),
                 )
         except RuntimeError as error:  # CasADi's, for example on NaN bounds
             seconds = time.perf_counter() - started
@@ -191,15 +200,27 @@ def _reason(error: RuntimeError) -> str:
     return lines[-1] if lines else "error without a message"
 
 
+def _multipliers(instances: Instances, i: int) -> dict[str, FloatArray]:
+    """Initial multipliers of an instance in units of its scale; empty if it has none."""
+    if instances.lam_x0 is None or instances.lam_g0 is None:
+        return {}
+    length, value = instances.scale[i]
+    lam_x0, lam_g0 = instances.lam_x0[i] * length / value, instances.lam_g0[i] / value
+    known = np.isfinite(lam_x0).all() and np.isfinite(lam_g0).all()
+    return {"lam_x0": lam_x0, "lam_g0": lam_g0} if known else {}
+
+
 @locked_cache(maxsize=64)
-def _compiled(solver: NlpsolSolver, nlp: Nlp) -> Any:
-    return _built(solver, nlp, {})
+def _compiled(solver: NlpsolSolver, nlp: Nlp, warm: bool = False) -> Any:
+    return _built(solver, nlp, {}, warm)
 
 
 @one_at_a_time
-def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any]) -> Any:
-    """CasADi's solver of a program in units of its scale."""
+def _built(solver: NlpsolSolver, nlp: Nlp, more: Mapping[str, Any], warm: bool) -> Any:
+    """CasADi's solver of a program in units of its scale; `warm` if it starts from multipliers."""
     options = {"expand": nlp.unroll, **COMMON, **solver.plugin_options(), **more}
+    for key, entries in (solver.warm_start if warm else {}).items():
+        options[key] = {**entries, **options[key]}
     x, scale = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("scale", 2)  # the last two parameters
     p, (length, value) = ca.vertcat(nlp.p, scale), ca.vertsplit(scale)
     f, g = nlp.evaluate.call([length * x, nlp.p], True, False)

@@ -63,8 +63,8 @@ def sensitivities(
     solution : BatchSolution
         Answers of any solver to the instances.
     multipliers : (B, nx), (B, ng), optional
-        Of the bounds and of g, positive at an upper bound. Rows that are NaN, and all by default,
-        are estimated by least squares over the active rows.
+        Of the bounds and of g, positive at an upper bound; by default those of the solution. Rows
+        that are NaN are estimated by least squares over the active rows.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _multipliers(
     """Multipliers (B, nx + ng) of bounds and rows; those of solutions are estimated if missing."""
     variables, _, rows = nlp.sizes
     shape = len(instances), variables + rows
-    lam = np.full(shape, np.nan) if multipliers is None else np.hstack(multipliers)
+    lam = np.hstack(multipliers or (solution.lam_x, solution.lam_g))
     if solution.x.shape != (shape[0], variables) or lam.shape != shape:
         message = (
             f"x has shape {solution.x.shape} and multipliers {lam.shape}; expected: "

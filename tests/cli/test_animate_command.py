@@ -123,6 +123,8 @@ def test_animate_returns_a_matplotlib_animation():
         assert moving.to_jshtml().count("data:image/png;base64,") == FRAMES
     with pytest.raises(ValueError, match="steps_per_second = 0; allowed: above 0"):
         csw.animate(SCENARIO, RUN, steps_per_second=0)
+    with pytest.raises(ValueError, match=r"steps_per_second = -1\.5; allowed: above 0"):
+        csw.animate(SCENARIO, RUN, steps_per_second=np.float64(-1.5))
 
 
 @pytest.mark.slow

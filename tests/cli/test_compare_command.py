@@ -175,7 +175,7 @@ def test_compare_solves_files_with_own_solver(folder):
     assert (
         "left out: files/cut.nl, line 2: the file ends too early: is it truncated?" in done.stderr
     )
-    assert "files, given start, 2 problems" in done.stdout
+    assert "files, given initial guess, 2 problems" in done.stdout
     runs = pd.read_csv(folder / "results" / "compare" / "runs.csv")
     assert sorted(set(runs["solver"])) == ["ipopt", "mine"]
     assert runs["solved"].all()

@@ -13,8 +13,9 @@ import pytest
 from commands import casswarm
 
 import casswarm as csw
+from casswarm._util.text import WIDTH, aligned, wrapped
 from casswarm.cli import output as module
-from casswarm.cli.output import WIDTH, aligned, progress_report, wrapped
+from casswarm.cli.output import progress_report
 from casswarm.studies import count_notes, paired_texts, summary_texts
 
 

@@ -229,6 +229,30 @@ def test_compare_counts_early_stop_as_false_positive(known):
     assert counts.loc["ipopt", "false_positives"] == 0
 
 
+def test_printed_comparison_is_a_table_for_each_family_in_80_columns(known):
+    lines = str(known[0]).splitlines()
+    assert lines[0] == "known, cold start, 3 problems"
+    assert lines[1].split() == (
+        ["solver", "solved", "best", "known", "mean", "ms", "95", "%", "rank", "probability"]
+    )
+    assert {line.split()[0] for line in lines[2:5]} == {"ipopt", "hasty", "gradient"}
+    assert max(map(len, lines)) <= 80
+
+
+def test_report_is_written_as_page_or_as_markdown_with_figures(known, tmp_path):
+    comparison = known[0]
+    comparison.report(tmp_path / "new" / "report.html")
+    comparison.report(str(tmp_path / "report.md"))
+    page = (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    figures = {f"{name}.png" for name in make_report(comparison).figures}
+    assert page.count("data:image/png;base64,") == len(figures)
+    assert {path.name for path in tmp_path.glob("*.png")} == figures
+    assert all(f"({name})" in text for name in figures)
+    with pytest.raises(csw.ComparisonError, match=r"report.pdf'; allowed: files that end in .html"):
+        comparison.report(tmp_path / "report.pdf")
+
+
 def test_report_contains_every_solver(known):
     report = make_report(known[0])
     names = {"runs", "summary", "ranking", "sensitivity", "problems", "failures"}

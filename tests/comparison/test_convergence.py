@@ -41,6 +41,7 @@ def test_projected_gradient_visits_a_geometric_sequence() -> None:
         csw.solvers.Sqp(),
         csw.solvers.Slsqp(),
         csw.solvers.Minimize(minimize, {"method": "trust-constr"}),
+        csw.solvers.FilterInteriorPoint(),
     ],
     ids=lambda solver: solver.name,
 )
@@ -53,10 +54,17 @@ def test_iterates_lead_from_the_guess_to_the_answer(solver: Solver) -> None:
     np.testing.assert_allclose(iterates.x[-1], answer.x, atol=1e-6)
 
 
-def test_iterates_are_in_the_problems_own_units() -> None:
+@pytest.mark.parametrize("solver", [csw.solvers.Sqp(), csw.solvers.FilterInteriorPoint()])
+def test_iterates_are_in_the_problems_own_units(solver: Solver) -> None:
     scaled = replace(LINE.starts["given"], scale=np.array([[10.0, 5.0]]))
-    iterates = csw.solvers.Sqp().iterates(LINE.nlp, scaled)
+    iterates = solver.iterates(LINE.nlp, scaled)
     np.testing.assert_allclose(iterates.x[-1], [1, 1], atol=1e-6)
+
+
+def test_interior_point_has_an_iterate_for_each_iteration() -> None:
+    solver = csw.solvers.FilterInteriorPoint()
+    (answer,) = solver.run(LINE.nlp, LINE.starts["given"])
+    assert iterates_of(solver, LINE).numbers.tolist() == list(range(answer.iterations + 1))
 
 
 def test_log_keeps_the_first_some_and_the_last() -> None:
@@ -126,7 +134,7 @@ def test_convergence_is_drawn_with_hollow_infeasible_iterates(comparison) -> Non
     faces = {line.get_color() for line in fig.axes[0].lines if line.get_marker() != "None"}
     assert "white" in faces
     assert "without iterates: alpaqa, raising" in fig.legends[0].get_title().get_text()
-    assert "line, given start" in history._repr_html_()
+    assert "line, given initial guess" in history._repr_html_()
 
 
 def test_divergence_is_drawn(tmp_path) -> None:

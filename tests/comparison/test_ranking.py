@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from solver_runs import run
 
-from casswarm.cli.compare import comparison_text
 from casswarm.comparison import (
     Tolerances,
     costs,
@@ -23,7 +22,15 @@ from casswarm.comparison import (
     verify,
 )
 from casswarm.comparison.profiles import quality_profile
-from casswarm.comparison.ranking import rank_note, ranking, sampling_units, sensitivity, strata
+from casswarm.comparison.ranking import (
+    pooled_ranking,
+    rank_note,
+    ranking,
+    sampling_units,
+    sensitivity,
+    strata,
+)
+from casswarm.comparison.report import comparison_text
 from casswarm.comparison.verification import by_solver
 from casswarm.figures import ranking_chart
 
@@ -95,6 +102,28 @@ def test_rank_solvers_interval_shrinks_with_problems_not_with_copies() -> None:
         ranked = rank_solvers(pd.DataFrame({"a": np.tile(seconds, times_12)}, names), 10.0)
         widths.append(np.log(ranked["mean_ms_high"] / ranked["mean_ms_low"]).iloc[0])
     assert widths[0] / widths[1] == pytest.approx(4, rel=0.15)
+
+
+def test_pooled_ranking_takes_a_problem_with_all_of_its_starts_as_one_unit() -> None:
+    rng = np.random.default_rng(1)
+    seconds = {name: rng.lognormal(-2, 1, 2) for name in NAMES}
+    rows = [
+        run(problem, solver, start=start, solve_seconds=taken, build_seconds=0.0)
+        for start in ("cold", "warm", "far")
+        for problem, both in seconds.items()
+        for solver, taken in zip(("a", "b"), both, strict=True)
+    ]
+    table = verify(pd.DataFrame(rows), Tolerances())
+    pooled = pooled_ranking(table, 10.0)
+    assert pooled["starts"].tolist() == [3, 3]
+    one_start = ranking(table[table["start"] == "cold"], 10.0)
+    shared = list(pooled.columns.drop("starts"))
+    pd.testing.assert_frame_equal(pooled[shared], one_start[shared])
+    slower = table["solve_seconds"].where(table["start"] != "far", 2 * table["solve_seconds"])
+    means = pooled_ranking(table.assign(solve_seconds=slower), 10.0)["mean_ms"]
+    assert (means > pooled["mean_ms"]).all()
+    partly = table[~((table["solver"] == "b") & (table["start"] == "far"))]
+    assert pooled_ranking(partly, 10.0)["solver"].tolist() == ["a"]
 
 
 def test_rank_solvers_intervals_contain_the_mean_and_end_at_the_limit() -> None:

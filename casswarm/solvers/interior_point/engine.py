@@ -19,11 +19,13 @@ bounds: the feasible sets of complementarity constraints have no interior otherw
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ...nlp.program import Instances
 from ...nlp.solution import Status
-from ...typing import IntArray
+from ...typing import FloatArray, IntArray
 from .derivatives import Problems
 from .iterate_kernels import LANES
 from .iterates import (
@@ -37,14 +39,25 @@ from .iterates import (
 )
 from .restoration import restore
 from .steps import advance, estimate_multipliers
+from .warm_start import warm_start
 
 _REFILL = 0.75  # of the width: below it, others are started
 _NONE = np.arange(0)
+Recorder = Callable[[FloatArray], object]
 _INFEASIBLE = "the constraints may be infeasible"
 
 
-def minimise(problems: Problems, instances: Instances, options: Options, width: int) -> Results:
-    """Solve every instance, at most `width` at the same time."""
+def minimise(
+    problems: Problems,
+    instances: Instances,
+    options: Options,
+    width: int,
+    record: Recorder | None = None,
+) -> Results:
+    """Solve every instance, at most `width` at the same time.
+
+    `record` is called with the points x (n, b) of every iteration, but not of restoration.
+    """
     results, wrong = Results.empty(instances, options.max_iter), wrong_bounds(instances)
     for row, message in wrong.items():
         results.end(np.array([row]), Status.FAILED, message)
@@ -77,6 +90,8 @@ def _solve(
             iterates = iterates.joined(_restored(problems, stuck, results, options))
             stuck = stuck[_NONE]
             continue
+        if record is not None:
+            record(iterates.y[: iterates.size])
         iterates, more = _iterate(problems, iterates, results, options)
         stuck = stuck.joined(more) if more.rows.size else stuck
         free = width - iterates.rows.size - stuck.rows.size
@@ -91,6 +106,7 @@ def _started(
     """Iterates at the initial guesses of some instances."""
     new = Iterates.start(problems, instances, rows, options)
     estimate_multipliers(problems, new, options.constr_mult_init_max)
+    warm_start(problems, instances, new, options)
     return new
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from typing_extensions import override
@@ -66,8 +67,14 @@ class Scaling:
     def scaled(self, instances: Instances) -> Instances:
         """The instances in the method's units."""
         length, rows = self.length[:, None], self.rows.T
+        multipliers: dict[str, Any] = {}
+        if instances.lam_x0 is not None and instances.lam_g0 is not None:
+            objective = self.objective[:, None]
+            multipliers["lam_x0"] = instances.lam_x0 * objective * length
+            multipliers["lam_g0"] = instances.lam_g0 * objective / rows
         return replace(
             instances,
+            **multipliers,
             x0=instances.x0 / length,
             lbx=_bounds(instances.lbx) / length,
             ubx=_bounds(instances.ubx) / length,

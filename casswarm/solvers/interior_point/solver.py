@@ -22,6 +22,8 @@ from ..base import (
     Answer,
     Capabilities,
     Flag,
+    IterateLog,
+    Iterates,
     NonNegative,
     NonNegativeInt,
     Positive,
@@ -30,7 +32,7 @@ from ..base import (
     differentiated,
 )
 from .derivatives import NumericDerivatives, Problems, numeric_problems, program_functions
-from .engine import minimise
+from .engine import Recorder, minimise
 from .iterate_kernels import LANES
 from .iterates import Options, Results
 from .scaling import ScaledProblems, Scaling
@@ -86,6 +88,9 @@ def verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling)
         used_fallback=np.zeros(size, bool),
         seconds=0.0,
         messages=messages,
+        lam_x=results.lam_x,
+        lam_g=results.lam_g,
+        iterations=results.iterations,
     )
 
 
@@ -228,12 +233,21 @@ class FilterInteriorPoint(Solver):
             again = self.fallback.solve_batch(nlp, instances[left])
             again = replace(again, used_fallback=np.ones(left.size, bool))
             solution = solution.with_rows(left, again)
-            results.lam_x[left] = np.nan  # are estimated
-        if sensitivities:
-            return differentiated(nlp, instances, solution, (results.lam_x, results.lam_g))
-        return solution
+        return differentiated(nlp, instances, solution) if sensitivities else solution
 
-    def _results(self, nlp: Nlp, instances: Instances) -> tuple[Results, Scaling]:
+    @override
+    def iterates(self, nlp: Nlp, instance: Instances) -> Iterates | None:
+        """Points of every iteration, of which the first is the initial guess inside its bounds.
+
+        Those of restoration and of the fallback are left out.
+        """
+        log = IterateLog()
+        _, scaling = self._results(nlp, instance, log)
+        return log.iterates(instance.x0[0, :0], float(scaling.length[0]))
+
+    def _results(
+        self, nlp: Nlp, instances: Instances, record: Recorder | None = None
+    ) -> tuple[Results, Scaling]:
         """Results of all instances, in their units, and the scaling that was used."""
         options = Options(**{name: getattr(self, name) for name in Options.__dataclass_fields__})
         problems, width = numeric_problems(nlp, instances.p), _width(nlp)
@@ -242,10 +256,10 @@ class FilterInteriorPoint(Solver):
             if self.scaling:
                 scaling = Scaling.of(problems, instances, width)
             if scaling.trivial:
-                results = minimise(problems, instances, options, width)
+                results = minimise(problems, instances, options, width, record)
             else:
                 scaled = ScaledProblems(problems, scaling), scaling.scaled(instances)
-                results = minimise(*scaled, options, width)
+                results = minimise(*scaled, options, width, record)
                 scaling.restore(results)
         results.x = np.clip(results.x, instances.lbx, instances.ubx)  # of bounds that were moved
         return results, scaling
