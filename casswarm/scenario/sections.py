@@ -335,6 +335,9 @@ class HazardTable(Table):
         Allowed(f"at most {MOST_RADARS} tables [[hazard.radar]]"),
     ] = Field(
         (),
+        examples=[
+            [{"position": [3.0, 4.0], "velocity": [0.1, 0.0], "active": [[0.0, 2.0], [4.0, 6.0]]}]
+        ],
         description="Radars that move or switch, a table for each, beside those of `radars`; times "
         "are those of the clock, from 0.",
     )
@@ -545,14 +548,17 @@ def annotated(text: str, model: type[BaseModel]) -> str:
 def _with_optional(lines: list[str], table: str, missing: Mapping[str, FieldInfo]) -> list[str]:
     """Lines of a table, and the keys that it could also have, commented out."""
     optional: list[str] = []
+    tables: list[str] = []  # last, since the keys that follow are theirs
     for key, field in missing.items():
         for example in field.examples or ():
-            nested = isinstance(example, dict)
+            listed = isinstance(example, list) and isinstance(example[0], dict)
+            nested = listed or isinstance(example, dict)
             text = tomli_w.dumps({table: {key: example}} if nested else {key: example})
             shown = _SCALARS.sub(_on_one_line, text).strip().split("\n")
-            optional += [*_comment(field.description or ""), *(f"# {line}" for line in shown)]
+            part = tables if nested else optional
+            part += [*_comment(field.description or ""), *(f"# {line}" for line in shown)]
     end = len(lines) - (lines[-1:] == [""])  # the blank line before the next table
-    return [*lines[:end], *optional, *lines[end:]]
+    return [*lines[:end], *optional, *tables, *lines[end:]]
 
 
 def _comment(text: str) -> list[str]:

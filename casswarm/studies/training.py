@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import pandas as pd
@@ -119,7 +119,7 @@ def train(
     >>> def homing(step, positions, previous_velocities, alive, parameters):
     ...     to_target = ca.repmat(ca.DM(scenario.target.center).T, scenario.n, 1) - positions
     ...     return parameters[0] * to_target + ca.repmat(parameters[1:3].T, scenario.n, 1)
-    >>> policy = csw.ParametricPolicy(homing, [0.6, 0.0, 0.0], scenario)
+    >>> policy = csw.ParametricPolicy(homing, [0.6, 0.3, 0.0], scenario)
     >>> training = csw.train(scenario, policy, stages=[(0.4, 0.05, 2)])
     >>> list(training.history)
     ['stage', 'smoothing', 'objective']
@@ -134,44 +134,50 @@ def train(
     messages = []
     for stage, (radii, tolerance, iterations) in enumerate(stages):
         smoothing = radii * scenario.target.radius
-
-        def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
-            found = success_gradient(
-                scenario,
-                policy,  # noqa: B023
-                parameters,
-                tolerance,  # noqa: B023  (called within the stage)
-                arrival_smoothing=smoothing,  # noqa: B023
-                guide=guide,
-            )
-            if not rows or rows[-1][0] != stage:  # noqa: B023
-                _warn_if_flat(found, stage, tolerance)  # noqa: B023
-            rows.append((stage, smoothing, found.objective))  # noqa: B023
-            return -found.objective, -found.gradient
-
-        result = minimize(
-            loss,
-            policy.parameters,
-            jac=True,
-            method=method,
-            options={"maxiter": iterations, **(options or {})},
+        gradient = partial(
+            success_gradient,
+            scenario,
+            policy,
+            tolerance=tolerance,
+            arrival_smoothing=smoothing,
+            guide=guide,
         )
-        policy = policy.with_parameters(result.x)
-        messages.append(str(result.message))
+        limits = {"maxiter": iterations, **(options or {})}
+        x, message, objectives = _maximised(gradient, policy.parameters, method, limits, stage)
+        rows += [(stage, smoothing, objective) for objective in objectives]
+        policy = policy.with_parameters(x)
+        messages.append(message)
     history = pd.DataFrame(rows, columns=["stage", "smoothing", "objective"])
     success = evaluate(scenario, policy, guide=guide).success
     return Training(scenario, policy, success, history, tuple(messages))
 
 
-def _warn_if_flat(found: SuccessGradient, stage: int, tolerance: float) -> None:
-    if not found.gradient.any():
-        warnings.warn(
-            f"stage {stage} of the training begins with the objective {found.objective:g} and a "
-            f"gradient of zeros, which moves nothing: reduce its tolerance ({tolerance:g}), which "
-            "may be above the success there, smooth arrivals more, or start elsewhere",
-            CasswarmWarning,
-            stacklevel=2,
-        )
+def _maximised(
+    gradient: partial[SuccessGradient],
+    parameters: FloatArray,
+    method: str,
+    options: Mapping[str, Any],
+    stage: int,
+) -> tuple[FloatArray, str, list[float]]:
+    """Parameters of a stage's end, the optimiser's message, and every objective."""
+    objectives: list[float] = []
+
+    def loss(x: FloatArray) -> tuple[float, FloatArray]:
+        found = gradient(x)
+        if not objectives and not found.gradient.any():
+            warnings.warn(
+                f"stage {stage} of the training begins with the objective {found.objective:g} and "
+                "a gradient of zeros, which moves nothing: reduce its tolerance "
+                f"({gradient.keywords['tolerance']:g}), which may be above the success there, "
+                "smooth arrivals more, or start elsewhere",
+                CasswarmWarning,
+                stacklevel=2,
+            )
+        objectives.append(found.objective)
+        return -found.objective, -found.gradient
+
+    result = minimize(loss, parameters, jac=True, method=method, options=options)
+    return result.x, str(result.message), objectives
 
 
 def _require_stages(stages: Sequence[tuple[float, float, int]]) -> None:

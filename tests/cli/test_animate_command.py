@@ -11,6 +11,7 @@ from figure_cases import GUIDE, RUN, SCENARIO
 from matplotlib.animation import FuncAnimation
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
+from matplotlib.lines import Line2D
 from PIL import Image
 
 import casswarm as csw
@@ -83,6 +84,12 @@ def test_gif_frames_differ_only_where_things_move(gif):
         np.testing.assert_array_equal(frame[int(0.8 * height) :], frames[0][int(0.8 * height) :])
 
 
+def member_marks(stage):
+    """Lines of a single point."""
+    lines = [artist for artist in stage.artists if isinstance(artist, Line2D)]
+    return [line for line in lines if len(line.get_xdata()) == 1]
+
+
 def test_stage_shows_rates_members_and_losses_of_a_step():
     stage = RunFigure(SCENARIO, RUN, GUIDE, "mine")
     limits = stage.image.get_clim()
@@ -94,9 +101,9 @@ def test_stage_shows_rates_members_and_losses_of_a_step():
         np.testing.assert_array_equal(stage.image.get_array(), rates)
         assert stage.image.get_clim() == limits
     assert stage.heading.get_text() == "mine: step 2: 2 of 3 alive"
-    ends = [line for line in stage.artists if len(line.get_xdata()) == 1]
-    assert [line.get_marker() for line in ends] == ["*", "X", "o"]
-    for member, line in enumerate(ends):
+    ends = member_marks(stage)
+    assert [line.get_marker() for line in ends] == ["*", "o", "X"]
+    for member, line in zip((0, 2, 1), ends, strict=True):  # the lost ones are drawn last
         np.testing.assert_array_equal(np.ravel(line.get_data()), RUN.positions[2, member])
     assert len(stage.map.get_lines()) == 2 + 2 * 3  # guide and radar, paths and members
 
@@ -104,7 +111,7 @@ def test_stage_shows_rates_members_and_losses_of_a_step():
 def test_stage_between_steps_moves_members_at_constant_velocity():
     stage = RunFigure(SCENARIO, RUN, GUIDE, "mine", per_step=2)
     stage.show(3)
-    ends = [line for line in stage.artists if len(line.get_xdata()) == 1]
+    ends = member_marks(stage)
     halfway = (RUN.positions[1] + RUN.positions[2]) / 2
     np.testing.assert_allclose([np.ravel(line.get_data()) for line in ends], halfway)
     assert stage.heading.get_text() == "mine: step 1: 3 of 3 alive"  # the second is lost at step 2

@@ -102,16 +102,28 @@ def _near(point: list[float], rng: Random) -> list[float]:
     return [point[0] + offset, point[1]]
 
 
+def _tables(data: dict[str, Any]) -> list[dict[str, Any]]:
+    """Radars that move or switch."""
+    tables: list[dict[str, Any]] = data["hazard"].get("radar", [])
+    return tables
+
+
+def _lists_of_points(data: dict[str, Any]) -> list[list[list[float]]]:
+    """Positions of members, and of radars at rest where there are any."""
+    radars = data["hazard"].get("radars")
+    return [data["swarm"]["positions"], *([radars] if radars else [])]
+
+
 def _coincide(data: dict[str, Any], rng: Random) -> None:
     """Put members, or radars, onto each other."""
-    points = rng.choice((data["swarm"]["positions"], data["hazard"]["radars"]))
+    points = rng.choice(_lists_of_points(data))
     for _ in range(rng.randint(1, 5)):
         points.insert(0, _near(rng.choice(points), rng))
 
 
 def _into_target(data: dict[str, Any], rng: Random) -> None:
     """Put a member or a radar into the target zone, or onto its edge."""
-    points = rng.choice((data["swarm"]["positions"], data["hazard"]["radars"]))
+    points = rng.choice(_lists_of_points(data))
     x, y = data["target"]["center"]
     edge = rng.choice((0.0, 1.0, 1 - 1e-16, 1 + 1e-9)) * data["target"]["radius"]
     points[rng.randrange(len(points))] = _near([x + edge, y], rng)
@@ -119,7 +131,9 @@ def _into_target(data: dict[str, Any], rng: Random) -> None:
 
 def _on_radar(data: dict[str, Any], rng: Random) -> None:
     """Put a member or the target onto a radar, or just outside its core."""
-    radar, core = rng.choice(data["hazard"]["radars"]), data["target"]["radius"] / 50
+    moving = [radar.get("position") or radar["path"][0][1:] for radar in _tables(data)]
+    radar = rng.choice([*data["hazard"].get("radars", ()), *moving])
+    core = data["target"]["radius"] / 50
     place = [radar[0] + rng.choice((0.0, core, core * (1 + 1e-9))), radar[1]]
     if rng.random() < 0.5:
         data["target"]["center"] = place
@@ -135,13 +149,29 @@ def _in_other_units(data: dict[str, Any], rng: Random) -> None:
         data["time"] = {key: value * factor for key, value in data["time"].items()}
         data["swarm"]["v_max"] /= factor
         data["swarm"]["a_max"] /= factor**2
+        for radar in _tables(data):
+            _scale_radar(radar, 1.0, factor)
         return
-    for points in (data["swarm"]["positions"], data["hazard"]["radars"]):
+    for radar in _tables(data):
+        _scale_radar(radar, factor, 1.0)
+    for points in _lists_of_points(data):
         points[:] = [[x * factor, y * factor] for x, y in points]
     data["target"]["center"] = [value * factor for value in data["target"]["center"]]
     data["target"]["radius"] *= factor
     data["swarm"]["v_max"] *= factor
     data["swarm"]["a_max"] *= factor**2
+
+
+def _scale_radar(radar: dict[str, Any], length: float, time: float) -> None:
+    """Express a radar that moves or switches in other units."""
+    if "position" in radar:
+        radar["position"] = [x * length for x in radar["position"]]
+    if "velocity" in radar:
+        radar["velocity"] = [x * length / time for x in radar["velocity"]]
+    if "path" in radar:
+        radar["path"] = [[t * time, x * length, y * length] for t, x, y in radar["path"]]
+    if "active" in radar:
+        radar["active"] = [[t * time for t in interval] for interval in radar["active"]]
 
 
 def _extreme_limits(data: dict[str, Any], rng: Random) -> None:

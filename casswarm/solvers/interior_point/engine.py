@@ -62,13 +62,13 @@ def minimise(
     for row, message in wrong.items():
         results.end(np.array([row]), Status.FAILED, message)
     rows = np.setdiff1d(np.arange(len(instances)), list(wrong))
-    _solve(problems, instances, rows, results, options, width)
+    _solve(problems, instances, rows, results, options, width, record)
     more = options.restoration & (results.iterations < options.max_iter)
     again = np.flatnonzero(results.degenerate & more)
     if again.size:
         results.end(again, Status.ITERATION_LIMIT, results.limit)
         relaxed = relaxed_bounds(instances, options.constraint_tolerance)
-        _solve(problems, relaxed, again, results, options, width)
+        _solve(problems, relaxed, again, results, options, width, record)
         solved = [row for row in again.tolist() if results.status[row].success]
         results.end(np.array(solved, int), Status.SOLVED, "solved with relaxed bounds")
     return results
@@ -81,6 +81,7 @@ def _solve(
     results: Results,
     options: Options,
     width: int,
+    record: Recorder | None,
 ) -> None:
     """Solve some instances, and write their results."""
     iterates = _started(problems, instances, waiting[:width], options)
