@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,6 +43,9 @@ NOT_RECORDED = "not recorded: a solve takes more than half of the time limit"
 
 COLUMNS = ("family", "problem", "start", "solver", "iteration", "seconds", "objective", "violation")
 """Columns of the table of all iterates: see `iterate_columns`."""
+
+
+_REPORT = ".report"  # looked up by name when it is needed: it draws figures of comparisons
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -272,9 +276,7 @@ class Comparison(Displayed):
         ComparisonError
             Another ending.
         """
-        from .report import write_report  # imports this module
-
-        write_report(self, Path(path))
+        import_module(_REPORT, __package__).write_report(self, Path(path))
 
     def save(self, folder: str | Path) -> None:
         """Save the comparison in a folder, from which `load` reads it; existing files are replaced.
@@ -316,9 +318,8 @@ class Comparison(Displayed):
         )
 
     def __str__(self) -> str:
-        from .report import comparison_text  # imports this module
-
-        return comparison_text(self)
+        text: str = import_module(_REPORT, __package__).comparison_text(self)
+        return text
 
 
 def _require_known(column: str, value: str | None, table: pd.DataFrame) -> None:
