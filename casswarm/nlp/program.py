@@ -315,7 +315,7 @@ def _numbers(name: str, values: Any) -> FloatArray:
     else:
         kind = f"an array of {array.dtype}"
     message = f"{name} of the instances is {kind}; allowed: arrays of real numbers"
-    raise SolverError(message, key=name, kind=kind)
+    raise SolverError(message, key=name, value=kind)
 
 
 _COLUMNS = {"x0": 0, "p": 1, "lbx": 0, "ubx": 0, "lbg": 2, "ubg": 2, "scale": 3}
