@@ -197,8 +197,9 @@ def add_landmarks(
         return
     after = [scenario.hazard.after(k) for k in range(scenario.n_steps + 1)]
     paths = np.stack([hazard.radar_positions for hazard in after], axis=1)
-    for path in paths[np.ptp(paths, axis=1).any(axis=1)] if len(paths) else ():
-        axes.plot(*path.T, color=radars, lw=scaled(0.9), ls=":", zorder=4)
+    for index, path in enumerate(paths[np.ptp(paths, axis=1).any(axis=1)] if len(paths) else ()):
+        label = "_" if index else "path of a radar"  # a single entry of the legend
+        axes.plot(*path.T, color=radars, lw=scaled(0.9), ls=":", zorder=4, label=label)
     if in_time:
         add_radars(axes, after[_shown(scenario, step)], radars)
 
