@@ -56,7 +56,7 @@ def test_command_on_page_parses(command):
 def test_code_on_page_runs(tmp_path):
     pytest.importorskip("IPython", reason="requires the extra `notebooks`")
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
-    assert len(blocks) == 2
+    assert len(blocks) == 3
     (tmp_path / "code.py").write_text("\n".join(blocks))
     python("code.py", folder=tmp_path)
     assert (tmp_path / "formation.pdf").read_bytes().startswith(b"%PDF")
