@@ -53,6 +53,7 @@ _STAGE = 30.0  # ratio of work of one stage and the one before
 _FIRST_WORK = 1e6
 _LATE = "the time limit is reached"
 _UNITS = 16  # of density of a neighbour
+_COMPARED = 64  # members at most, when choices are compared: any choice gives a valid bound
 _HIGHEST = 64.0  # levels are cut off here: exp(-64) is below the rounding of a probability
 
 
@@ -445,7 +446,7 @@ def _choose(
             size = max(2, math.ceil(float(starts.max()) / largest * cells) + 1)
             if look_ups(players, size, cells) <= work:
                 effective = largest * (1 + 1.2 / cells**2)  # interpolation acts like larger drops
-                value = _together(task, members, float(starts.mean()), effective)
+                value = _together(task, min(members, _COMPARED), float(starts.mean()), effective)
                 choices.append((value, Choice(largest, cells)))
     return min(choices)[1] if choices else None
 

@@ -373,7 +373,9 @@ def _probable_outcomes(step: Step, share: float, limit: int) -> tuple[Outcomes, 
     return Outcomes._make(map(np.concatenate, zip(*chosen, strict=True))), left_out
 
 
-def sample_residual(expansion: StateSpaceExpansion, chain: Chain, runs: int) -> Estimate:
+def sample_residual(
+    expansion: StateSpaceExpansion, chain: Chain, runs: int, progress: Progress | None = None
+) -> Estimate:
     """Sample the states that an expansion left.
 
     States of total mass M are left in the frontier. They are divided into R strata of equal mass,
@@ -389,6 +391,8 @@ def sample_residual(expansion: StateSpaceExpansion, chain: Chain, runs: int) -> 
         Chain of the same scenario; its seed determines the sample.
     runs : int
         R.
+    progress : Progress, optional
+        Receives "sampling", the number of runs that have ended and R, after every step.
     """
     distribution, pruned = expansion.distribution(), float(expansion.pruned.sum())
     batches = [
@@ -407,7 +411,8 @@ def sample_residual(expansion: StateSpaceExpansion, chain: Chain, runs: int) -> 
     jitter = uniforms(chain.seed, 0, 0, runs, 1, Purpose.STRATA)[:, 0]
     masses = (np.arange(runs) + jitter) / runs * ends[-1]
     selected = np.minimum(np.searchsorted(ends, masses, side="right"), len(states) - 1)
-    sample = chain.finish(expansion.policy, states[selected], steps[selected])
+    report = progress and (lambda _, ended, total: progress("sampling", ended, total))
+    sample = chain.finish(expansion.policy, states[selected], steps[selected], report)
     arrived = sample.arrival >= 0
     return Estimate(
         distribution,

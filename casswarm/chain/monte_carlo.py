@@ -297,7 +297,13 @@ class Chain:
         batch = _RunBatch(initial, np.zeros((2, runs), np.int64), save_trajectories)
         return batch.finish(self, policy, first, progress)
 
-    def finish(self, policy: Policy, states: States, steps: IntArray) -> Runs:
+    def finish(
+        self,
+        policy: Policy,
+        states: States,
+        steps: IntArray,
+        progress: Progress | None = None,
+    ) -> Runs:
         """Sample one run from each of the given states, at the given steps, to its end.
 
         Parameters
@@ -307,8 +313,11 @@ class Chain:
             R states; their weights are not used.
         steps : (R,) int
             The step t of each.
+        progress : Progress, optional
+            As in `run`.
         """
-        return _RunBatch(states, np.stack([np.arange(len(states)), steps])).finish(self, policy)
+        batch = _RunBatch(states, np.stack([np.arange(len(states)), steps]))
+        return batch.finish(self, policy, progress=progress)
 
 
 def _outside(scenario: Scenario, positions: FloatArray, alive: BoolArray) -> FloatArray:
@@ -348,7 +357,8 @@ class _RunBatch:
             draws = uniforms(chain.seed, step, first, runs, scenario.n, chain.purpose)
             self.advance(chain, policy, step, draws)
             if progress is not None:
-                progress(policy.name, runs - int(self.running.sum()), runs)
+                ended = (self.starts <= step) & ~self.running
+                progress(policy.name, int(ended.sum()), runs)
         return Runs(
             first=first,
             arrival=self.arrival,

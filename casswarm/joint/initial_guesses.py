@@ -140,6 +140,9 @@ MAX_ARRIVALS = 2
 MAX_DIVIDED = 6
 """Maximum number of members of swarms that are divided in all ways."""
 
+MAX_CUTS = 60
+"""Divisions of larger swarms, of which few are optimised."""
+
 _SPACINGS = np.concatenate([[0.0], np.geomspace(0.02, 2.0, 41)])
 """Candidate distances of neighbours, in units of the target's radius."""
 
@@ -243,7 +246,8 @@ def _divisions(scenario: Scenario, paths: list[FloatArray]) -> list[IntArray]:
     middle = len(paths[0]) // 2
     order = np.argsort(scenario.positions @ (paths[1] - paths[0])[middle], kind="stable")
     rank = np.argsort(order)
-    return [(rank >= cut).astype(int) for cut in sorted(range(1, n), key=lambda c: abs(2 * c - n))]
+    cuts = sorted(range(1, n), key=lambda cut: abs(2 * cut - n))[:MAX_CUTS]
+    return [(rank >= cut).astype(int) for cut in cuts]
 
 
 def _own_paths(scenario: Scenario, task: JointTask, paths: dict[str, list[FloatArray]]) -> Family:

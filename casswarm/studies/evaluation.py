@@ -174,7 +174,8 @@ def estimate(
         - `aggregation_tol`, the largest spacing of the lattice of positions, in units of length, as
           in `evaluate`, for both parts.
         - `progress`: True for progress bars, or a function (see `Progress`) that receives the
-          policy's name and the enumerated probability mass, of a total of 1.
+          policy's name and the enumerated probability mass, of a total of 1, and then "sampling"
+          and the number of runs that have ended, of all.
 
     Returns
     -------
@@ -198,7 +199,7 @@ def estimate(
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
     expansion, velocities = _expansion(inputs, options, aggregation_tol)
     chain = Chain(scenario, velocities, seed, lattice=expansion.options.lattice)
-    return sample_residual(expansion, chain, runs)
+    return sample_residual(expansion, chain, runs, inputs[-1])
 
 
 def _options(
