@@ -6,11 +6,22 @@ where a message is not about them. Objects of users are kept as text, so that er
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 Shape = tuple[int, ...]
+
+_LONG_WORD = re.compile(r"\S{500,}")  # longer than paths and lists of numbers
+_LONG_LINE = re.compile(r".{2000,}")
+
+
+def _bounded(message: str) -> str:
+    """Message whose words and lines are cut where a text of somebody else makes them very long."""
+    for pattern, kept in ((_LONG_WORD, 100), (_LONG_LINE, 1000)):
+        message = pattern.sub(lambda found, kept=kept: f"{found[0][:kept]}...", message)
+    return message
 
 
 class CasswarmError(Exception):
@@ -19,6 +30,7 @@ class CasswarmError(Exception):
     Parameters
     ----------
     message : str
+        Words of more than 500 characters and lines of more than 2000 are cut.
     **values
         What the message is about, such as ``member=2``; each becomes an attribute of the error.
 
@@ -48,7 +60,7 @@ class CasswarmError(Exception):
     shape: Shape | None = None
 
     def __init__(self, message: str, **values: Any) -> None:
-        super().__init__(message)
+        super().__init__(_bounded(message))
         self.__dict__.update(values)
 
 

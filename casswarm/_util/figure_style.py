@@ -31,6 +31,7 @@ from typing_extensions import override
 
 from ..typing import ThemeName
 from .documents import figure_bytes
+from .text import shown
 
 P = ParamSpec("P")
 
@@ -106,7 +107,7 @@ def theme(name: ThemeName) -> Iterator[None]:
         The name is unknown.
     """
     if name not in THEMES:
-        raise ValueError(f"theme {name!r} is unknown; allowed: {', '.join(THEMES)}")
+        raise ValueError(f"theme {shown(name)} is unknown; allowed: {', '.join(THEMES)}")
     with _drawing_in(THEMES[name]):
         yield
 

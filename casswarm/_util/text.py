@@ -34,7 +34,7 @@ def counted(count: float, noun: str, plural: str = "") -> str:
 def shown(value: Any) -> str:
     """`repr` of a value that a user gave; a NumPy scalar or 0-d array as the number it holds."""
     scalar = getattr(value, "shape", None) == () and hasattr(value, "item")
-    return repr(value.item() if scalar else value)
+    return quoted(value.item() if scalar else value, 300)
 
 
 def printable(text: str) -> str:

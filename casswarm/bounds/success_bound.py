@@ -91,7 +91,7 @@ class SuccessBound:
         if not self.certified:
             return f"success is not certified: {self.reason}"
         if self.failure == 0.0:
-            return f"no policy can exceed 1 ({self.method}): failure has no bound above 0"
+            return f"no policy can exceed 1 ({self.method})"
         if self.failure < 1e-9:
             below = Context(prec=2, rounding=ROUND_FLOOR).create_decimal_from_float(self.failure)
             return f"no policy can exceed 1 - {float(below):.1e} ({self.method})"

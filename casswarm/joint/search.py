@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +17,7 @@ from .._util.progress import reporter
 from .._util.settings import Execution, SavedKeywords, given_values
 from .._util.text import did_you_mean, shown
 from ..bounds.success_bound import success_bound
-from ..errors import ScenarioError, SolverError
+from ..errors import PlanningError, ScenarioError, SolverError
 from ..guide.frame import Frame
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
@@ -34,6 +35,11 @@ from .swarm_plan import SwarmOutcome, SwarmPlan, least_distance
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
+
+LOG = logging.getLogger(__name__)
+
+MANY, MOST_PLANNED = 50, 200
+"""Numbers of members above which there is a warning of the time that a plan takes, and an error."""
 
 COARSEST = 15
 """Number of steps of the coarsest search."""
@@ -374,7 +380,7 @@ def plan_swarm(
     SolverError
         An unknown objective, kind of initial guess or solver.
     PlanningError
-        No guide was found to provide V(-1).
+        No guide was found to provide V(-1); more than 200 members.
     ScenarioError
         Members that are closer to each other than `min_distance` from the start.
     ValueError
@@ -384,6 +390,7 @@ def plan_swarm(
     """
     require_scenario("plan_swarm", scenario)
     require_at_rest(scenario.hazard, "a joint plan (plan_swarm)")
+    _require_few(scenario)
     values = given_values("plan_swarm", execution, plain=plain, time_limit=None, progress=None)
     time_limit, progress = values
     started, seed, progress = time.perf_counter(), require_seed(seed), reporter(progress)
@@ -440,6 +447,21 @@ def _require_known(objective: str, kinds: Sequence[str]) -> None:
         if kind not in INITIAL_GUESSES:
             hint = did_you_mean(kind, INITIAL_GUESSES)
             raise SolverError(f"initial guess {kind!r} is unknown{hint}", initial_guesses=kinds)
+
+
+def _require_few(scenario: Scenario) -> None:
+    if scenario.n > MOST_PLANNED:
+        raise PlanningError(
+            f"{scenario.name!r} has {scenario.n} members; joint plans are for at most "
+            f"{MOST_PLANNED}: use the policies leader or constrained",
+            members=scenario.n,
+        )
+    if scenario.n > MANY:
+        LOG.warning(
+            "a joint plan of %d members takes minutes (50 take about 2, 100 about 8); time_limit "
+            "ends the search after the solve that is then running",
+            scenario.n,
+        )
 
 
 def _require_distance(scenario: Scenario, min_distance: float | None) -> None:

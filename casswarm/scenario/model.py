@@ -15,7 +15,7 @@ from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_
 
 from .._util.display import Displayed
 from .._util.numbers import CORE_FRACTION
-from .._util.text import counted
+from .._util.text import counted, shown
 from .._util.user_code import USER_ERRORS
 from ..typing import FloatArray
 from .sections import (
@@ -247,7 +247,7 @@ class Scenario(Displayed, Table):
         (60, 0.125)
         """
         if not isinstance(k, Integral) or isinstance(k, bool) or k < 1:
-            raise ValueError(f"k = {k!r}; allowed: whole numbers from 1")
+            raise ValueError(f"k = {shown(k)}; allowed: whole numbers from 1")
         k = int(k)
         dt, steps = self.time.dt / k, self.n_steps * k
         values: dict[str, object] = {"time.dt": dt, "swarm.a_max": self.swarm.a_max / k**2}

@@ -12,7 +12,7 @@ from tomllib import TOMLDecodeError
 from typing import Any
 
 from .._util.files import require_file
-from .._util.text import suggestion
+from .._util.text import shown, suggestion
 from ..errors import ScenarioError
 from .model import Scenario, doubts
 from .validation import Problem, as_text, scenario_error
@@ -164,7 +164,7 @@ def require_scenario(function: str, value: object) -> None:
         return
     advice = "load one with csw.load_scenario, or make one with csw.Scenario.from_data"
     if isinstance(value, str | os.PathLike):
-        advice = f"load it first, csw.load_scenario({os.fspath(value)!r})"
+        advice = f"load it first, csw.load_scenario({shown(os.fspath(value))})"
     raise TypeError(
         f"{function}() needs a Scenario, not the {type(value).__name__} {as_text(value)}: {advice}"
     )

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 from scipy.optimize import minimize
 
+from .._util.text import shown
 from ..bounds.success_bound import success_bound
 from ..errors import CasswarmWarning
 from ..guide.guide import Guide
@@ -126,7 +127,7 @@ def train(
     """
     require_scenario("train", scenario)
     if method not in METHODS:
-        raise ValueError(f"method = {method!r}; allowed: {', '.join(METHODS)}")
+        raise ValueError(f"method = {shown(method)}; allowed: {', '.join(METHODS)}")
     _require_stages(stages)
     if guide is None and scenario.swarm.velocity == "guide":
         guide = plan(scenario, certify=False)

@@ -12,7 +12,7 @@ import pytest
 from small_scenarios import ALPHA, DT, V_MAX, pair, patrolled, single_agent_rate_by_hand, small
 
 from casswarm import SuccessBound, evaluate, load_scenario, plan, success_bound
-from casswarm.bounds import certify, pair_bound
+from casswarm.bounds import certify, level_game, pair_bound
 from casswarm.grid import Relaxation
 from casswarm.hazard import SaturationCollision
 from casswarm.hazard.rate_bounds import LeastRate
@@ -139,7 +139,7 @@ def test_success_bound_custom_hazard_reports_reason() -> None:
         (0.04, "0.9600"),
         (0.5, "0.5001"),
         (3.17e-50, "1 - 3.1e-50"),
-        (0.0, "1 - 0.0e+00"),
+        (0.0, "1"),
     ],
 )
 def test_success_bound_is_rounded_upward(failure: float, shown: str) -> None:
@@ -232,3 +232,20 @@ def test_far_members_need_no_more_memory(far, kind):
     assert (risks[0] == np.inf) == (kind == "unreachable")
     assert (risks[1:] >= 0).all()
     assert np.isfinite(risks[1:]).all()
+
+
+def test_success_bound_of_hundreds_of_members_compares_choices_of_few(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    compared: list[int] = []
+
+    def together(_task: object, members: int, *_levels: float) -> float:
+        compared.append(members)
+        return 1.0
+
+    monkeypatch.setattr(level_game, "_together", together)
+    many = [[0.01 * k, 0.0] for k in range(300)]
+    scenario = load_scenario("paper-1").replace(swarm={"positions": many})
+    bound = success_bound(scenario, max_work=1e6)
+    assert set(compared) == {64}
+    assert bound.certified

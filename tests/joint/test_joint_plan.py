@@ -21,9 +21,9 @@ from casswarm import (
     plan,
     plan_swarm,
 )
-from casswarm.errors import PolicyError
+from casswarm.errors import PlanningError, PolicyError
 from casswarm.guide import initial_velocities
-from casswarm.joint import PlanDistribution
+from casswarm.joint import PlanDistribution, search
 from casswarm.policies import JointPolicy
 from casswarm.problems import JointForm, JointTask, joint_instances, joint_nlp
 
@@ -300,3 +300,17 @@ def test_plan_swarm_custom_hazard_matches_evaluate():
 def test_plan_swarm_with_invalid_argument_raises(error, wrong, message):
     with pytest.raises(error, match=message):
         plan_swarm(abreast(2), **wrong)
+
+
+def test_plan_of_many_members_warns_and_of_more_is_refused(monkeypatch, caplog):
+    def stop(*_, **__):
+        raise InterruptedError
+
+    monkeypatch.setattr(search, "plan", stop)
+    circle = [[math.cos(k), math.sin(k)] for k in range(201)]
+    with pytest.raises(InterruptedError):
+        plan_swarm(TRIO.replace(swarm={"positions": circle[:51]}))
+    assert "51 members takes minutes" in caplog.text
+    with pytest.raises(PlanningError, match="at most 200: use the policies leader or") as caught:
+        plan_swarm(TRIO.replace(swarm={"positions": circle}))
+    assert caught.value.members == 201

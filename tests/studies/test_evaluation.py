@@ -170,6 +170,17 @@ def test_evaluate_progress_reports_enumerated_mass(guide):
     assert 1.0 - done[-1] == pytest.approx(law.residual_mass, rel=1e-9)
 
 
+def test_estimate_progress_reports_enumerated_mass_and_then_runs(guide):
+    reports = []
+    csw.estimate(
+        PAPER, "leader", 50, max_states=3, guide=guide, progress=lambda *r: reports.append(r)
+    )
+    tasks, sampled = [task for task, *_ in reports], [r for r in reports if r[0] == "sampling"]
+    assert tasks == sorted(tasks)  # leader, then sampling
+    assert [ended for _, ended, _ in sampled] == sorted(ended for _, ended, _ in sampled)
+    assert sampled[-1] == ("sampling", 50, 50)
+
+
 def test_evaluate_population_agrees_with_runs(guide):
     law = evaluate(PAPER, "leader", 1e-4, guide=guide)
     np.testing.assert_allclose(
