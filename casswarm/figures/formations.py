@@ -49,10 +49,8 @@ def additional_agent_rates(
     hazard: Hazard, points: FloatArray, positions: FloatArray, alive: BoolArray
 ) -> FloatArray:
     """Hazard rates (...) of an agent added at points (..., 2) to a swarm at positions (n, 2)."""
-    flat = points.reshape(-1, 2)
-    others = np.broadcast_to(positions[alive], (len(flat), int(alive.sum()), 2))
-    states = np.concatenate([flat[:, None], others], axis=1)
-    return np.asarray(hazard.rates(states)[:, 0].reshape(points.shape[:-1]))
+    rates = hazard.additional_rates(points.reshape(-1, 2), positions[alive])
+    return np.asarray(rates.reshape(points.shape[:-1]))
 
 
 def relative_rates(

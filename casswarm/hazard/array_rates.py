@@ -22,18 +22,24 @@ if TYPE_CHECKING:
 _CHUNK_PAIRS = 1 << 19  # pairs evaluated at once: a few arrays of 4 MiB
 
 
-def state_rates(hazard: KernelHazard, positions: FloatArray, alive: BoolArray) -> FloatArray:
-    """Rates (B, n) of states (B, n, 2), (B, n), also of the destroyed."""
+def state_rates(
+    hazard: KernelHazard, positions: FloatArray, alive: BoolArray, members: int | None = None
+) -> FloatArray:
+    """Rates (B, m) of the first m members, by default all, of states (B, n, 2), (B, n).
+
+    Also those of the destroyed.
+    """
     source, density, collision, combine = lowered_kernels(hazard)
     n = positions.shape[1]
-    size = max(1, _CHUNK_PAIRS // (n * max(n, len(hazard.radars))))
-    rates = np.empty(alive.shape)
+    m = n if members is None else members
+    size = max(1, _CHUNK_PAIRS // (m * max(n, len(hazard.radars))))
+    rates = np.empty((len(alive), m))
     for part in (slice(first, first + size) for first in range(0, len(alive), size)):
         x, living = positions[part], alive[part, None, :]
-        others = living & ~np.eye(n, dtype=bool)
+        others = living & ~np.eye(m, n, dtype=bool)
         with np.errstate(all="ignore"):  # `Hazard.rates` refuses values that are not finite
-            pairs = _squared_distances(x, x)
-            to_radars = _squared_distances(x, hazard.radar_positions[None])
+            pairs = _squared_distances(x[:, :m], x)
+            to_radars = _squared_distances(x[:, :m], hazard.radar_positions[None])
             rates[part] = combine(
                 np.sum(source(to_radars) * hazard.radar_strengths, axis=-1),
                 np.sum(density(pairs) * living, axis=-1),

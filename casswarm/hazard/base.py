@@ -159,6 +159,10 @@ class Hazard(ABC):
             )
         return rates.reshape(x.shape[:-1])
 
+    def additional_rates(self, points: FloatArray, positions: FloatArray) -> FloatArray:
+        """Rates (B,) of a member added at points (B, 2) to living members at positions (n, 2)."""
+        return self.rates(with_others(points, positions))[:, 0]
+
     def set_rates(self, positions: FloatArray, sets: BoolArray) -> FloatArray:
         """Rates (B, m, n) of members at positions (B, n, 2) in each of m sets (m, n) of the living.
 
@@ -301,3 +305,9 @@ def checked_radars(radars: ArrayLike) -> tuple[tuple[float, float], ...]:
     if not np.isfinite(array).all():
         raise HazardError(f"radars must be finite; got {radars!r}", key="radars", value=radars)
     return tuple((float(x), float(y)) for x, y in array)
+
+
+def with_others(points: FloatArray, positions: FloatArray) -> FloatArray:
+    """States (B, 1 + n, 2) of a member at each of the points (B, 2) and others at (n, 2)."""
+    others = np.broadcast_to(positions, (len(points), *positions.shape))
+    return np.concatenate([points[:, None], others], axis=1)

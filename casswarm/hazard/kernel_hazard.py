@@ -19,6 +19,7 @@ from numbers import Real
 
 import casadi as ca
 import numpy as np
+from typing_extensions import override
 
 from .._util.numbers import CORE_RADIUS
 from .._util.text import counted, shown
@@ -26,7 +27,7 @@ from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray
 from .array_rates import blocked, set_rates, state_rates, unblocked
-from .base import Hazard, checked_radars
+from .base import Hazard, checked_radars, with_others
 from .rate_kernels import LANES
 
 
@@ -161,6 +162,11 @@ class KernelHazard(Hazard):
 
     def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         return state_rates(self, positions, alive)
+
+    @override
+    def additional_rates(self, points: FloatArray, positions: FloatArray) -> FloatArray:
+        states = with_others(points, positions)
+        return state_rates(self, states, np.ones(states.shape[:2], bool), 1)[:, 0]
 
 
 def require_finite(
