@@ -53,8 +53,6 @@ def certify_guide(
     is for the paths that obey them, too. The `deadline` is a time of `time.monotonic`; by default
     the proof takes at most 10 seconds.
 
-    Where rates depend on time, the first bound is the only one: it ignores a_max, and says so.
-
     Scenarios that differ by quarter turns and mirrors have the same bounds, for the same guide.
     """
     frame = Frame.of_agent(scenario, guide.positions[0], guide.velocities[0])
@@ -63,7 +61,7 @@ def certify_guide(
     task = Relaxation.from_scenario(scenario)
     if not task.bounded:
         return None
-    limits = None if task.hazard.changes else _obeyed_limits(scenario, guide)
+    limits = _obeyed_limits(scenario, guide)
     paths = [guide.positions]
     limited = np.isfinite(scenario.guide_a_max) or scenario.swarm.velocity != "guide"
     smaller_target = scenario.arrival_margin > 1e-5 * task.radius
@@ -75,9 +73,6 @@ def certify_guide(
     left *= 1.0 if limits is None else _SHARE
     multiplier = arrival_multiplier(task, paths[best])
     certificate = certify(task, risks[best], multiplier, gap=gap, time_limit=left)
-    if task.hazard.changes and np.isfinite(scenario.guide_a_max):
-        ignored = "the bound ignores a_max, since rates depend on time"
-        certificate = replace(certificate, reason=f"{certificate.reason}; {ignored}")
     if limits is None or certificate.bound >= (1 - gap) * guide.risk:
         return certificate
     if deadline is None:

@@ -298,7 +298,7 @@ def test_bound_too_many_positions_is_known_one() -> None:
 # --- plans
 
 
-@pytest.mark.parametrize("name", ["single-agent"])
+@pytest.mark.parametrize("name", ["single-agent", "patrol", "blink"])
 def test_plan_built_in_scenario_reaches_half_a_percent(name: str) -> None:
     guide = plan(load_scenario(name), gap=0.005)
     assert 0 <= guide.gap <= 0.005

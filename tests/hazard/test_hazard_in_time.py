@@ -143,7 +143,31 @@ def test_value_function_and_certificate_enclose_the_least_risk_of_brute_force():
     assert guide.risk_bound <= guide.risk <= least + 1e-9  # the plane has more paths than the line
     assert high[0] <= least + 1e-9
     assert guide.arrival > 4  # waits for the radar, though it could arrive in four steps
-    assert "the bound ignores a_max" in guide.certificate.reason
+
+
+@pytest.mark.parametrize("radar", [MOVING, MOVING | {"active": [[0.0, 1.0]]}])
+def test_certificate_with_a_max_is_below_all_paths_of_changes_in_twelve_directions(radar):
+    steps, change, first = 5, 1.0, np.array([1.0, 0.0])
+    limited = {"a_max": change**2, "velocity": first.tolist()}
+    one = scenario(radar).replace(swarm=limited, time={"t_f": steps * DT})
+    angles = np.arange(12) * np.pi / 6
+    controls = change * np.vstack([[0.0, 0.0], np.column_stack([np.cos(angles), np.sin(angles)])])
+    velocities, positions = first[None], np.zeros((1, 2))
+    risk, least = np.zeros(1), np.inf
+    for step in range(1, steps + 1):
+        velocities = (velocities[:, None] + (1 - 1e-9) * controls).reshape(-1, 2)
+        allowed = np.abs(velocities).max(axis=1) <= 2.0
+        positions = np.repeat(positions, 13, axis=0)[allowed] + DT * velocities[allowed]
+        velocities, time = velocities[allowed], step * DT
+        away = positions - np.array(MOVING["position"]) - time * np.array(MOVING["velocity"])
+        on = any(begin < time <= end for begin, end in radar.get("active", [[0.0, 9.0]]))
+        risk = np.repeat(risk, 13)[allowed] + DT * on * 2.0 * 0.5 / (away**2).sum(axis=1)
+        inside = np.hypot(*(positions - [4.0, 0.0]).T) <= 0.25
+        least = min(least, risk[inside].min(initial=np.inf))
+    guide = csw.plan(one, gap=0.005)
+    assert guide.risk_bound <= guide.risk <= least + 1e-9
+    assert guide.risk_bound >= 0.99 * guide.risk
+    assert guide.certificate.accelerated is not None or guide.certificate.gap <= 0.005
 
 
 def law(one, policy):
