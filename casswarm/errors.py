@@ -13,15 +13,13 @@ from typing import Any
 
 Shape = tuple[int, ...]
 
-_LONG_WORD = re.compile(r"\S{500,}")  # longer than paths and lists of numbers
-_LONG_LINE = re.compile(r".{2000,}")
+_LONG_WORD = re.compile(r"(\S{100})\S{400,}")  # longer than paths
+_LONG_LINE = re.compile(r"(.{1000}).{1000,}")
 
 
 def _bounded(message: str) -> str:
     """Message whose words and lines are cut where a text of somebody else makes them very long."""
-    for pattern, kept in ((_LONG_WORD, 100), (_LONG_LINE, 1000)):
-        message = pattern.sub(lambda found, kept=kept: f"{found[0][:kept]}...", message)
-    return message
+    return _LONG_LINE.sub(r"\1...", _LONG_WORD.sub(r"\1...", message))
 
 
 class CasswarmError(Exception):
