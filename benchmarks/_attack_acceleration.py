@@ -45,7 +45,7 @@ class _Limited:
         risks, least = np.zeros(count), np.full(count, np.inf)
         for step in range(min(velocities.shape[1], scenario.n_steps)):
             positions = positions + scenario.time.dt * velocities[:, step]
-            risks += scenario.time.dt * self.rates.single(positions)
+            risks += scenario.time.dt * self.rates.after(step + 1).single(positions)
             inside = scenario.target.distances(positions) <= self.radius
             least = np.where(inside, np.minimum(least, risks), least)
         return least

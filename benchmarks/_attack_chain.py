@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from _attack_model import enumerate_chain
 from _attack_records import Check, Skip, Trial
-from _attack_scenarios import POLICIES, Rng, draw
+from _attack_scenarios import POLICIES, Rng, draw, in_time
 from scipy.stats import binom
 
 import casswarm as csw
@@ -27,7 +27,7 @@ def enumeration(rng: Rng) -> Iterator[Check]:
 
     Of exact commands: rounded motion has no equations but its own.
     """
-    scenario = draw(rng, members=(1, 3), steps=(1, 4))
+    scenario = in_time(rng, draw(rng, members=(1, 3), steps=(1, 4)))
     guide = csw.plan(scenario, certify=False)
     velocities = initial_velocities(scenario, guide)
     name = str(rng.choice([*POLICIES, "leader-mpc-2", "constrained-mpc-2"]))
@@ -57,7 +57,7 @@ def enumeration(rng: Rng) -> Iterator[Check]:
 
 def sampling(rng: Rng) -> Iterator[Check]:
     """Claim 3: the fraction of successful runs is likely under the bounds, for larger swarms."""
-    scenario = draw(rng, members=(2, 4), steps=(4, 12))
+    scenario = in_time(rng, draw(rng, members=(2, 4), steps=(4, 12)))
     guide = csw.plan(scenario, certify=False)
     name = str(rng.choice(POLICIES))
     policy = csw.make_policy(name, scenario, guide)

@@ -7,12 +7,13 @@ projections onto the sets of one member by Dykstra's algorithm.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 import casswarm as csw
+from casswarm.scenario.radars import Radar
 
 _CORE = 0.01  # where the hazard does not state its core radius
 
@@ -26,17 +27,45 @@ class Rates:
     alpha: tuple[float, float, float]
     beta: tuple[float, float] | None
     core: float
+    tracks: tuple[Radar, ...] = ()
+    dt: float = 0.0
 
     @classmethod
     def from_scenario(cls, scenario: csw.Scenario) -> Rates:
         """Rates from the numbers of a scenario's hazard table."""
         table = scenario.hazard_table
-        radars = np.array(table.radars, float)
+        radars = np.array(table.radars, float).reshape(-1, 2)
         strengths = np.ones(len(radars)) if table.strengths is None else np.array(table.strengths)
         beta = None if table.beta_1 is None else (table.beta_1, table.beta_2)
         alpha = table.alpha_1, table.alpha_2, table.alpha_3
         core = getattr(scenario.hazard, "core_radius", None) or _CORE
-        return cls(radars, strengths, alpha, beta, float(core))
+        return cls(
+            *(radars, strengths, alpha, beta, float(core)), tuple(table.radar), scenario.time.dt
+        )
+
+    def after(self, step: int) -> Rates:
+        """Rates with all radars where they are, and as strong as they are, after a step."""
+        if not self.tracks:
+            return self
+        radars, strengths, time = list(self.radars), list(self.strengths), step * self.dt
+        for track in self.tracks:
+            place = np.array(track.position or (0.0, 0.0)) + time * np.array(
+                track.velocity or (0.0, 0.0)
+            )
+            if track.path:
+                times, *axes = np.array(track.path, float).T
+                place = np.array([np.interp(time, times, axis) for axis in axes])
+            now = time * (1 - 1e-9)  # a step that ends with an interval is in it
+            on = track.active is None or any(begin < now <= end for begin, end in track.active)
+            radars.append(place)
+            strengths.append(track.strength * on)
+        return replace(self, radars=np.array(radars), strengths=np.array(strengths), tracks=())
+
+    def along(self, path: np.ndarray) -> np.ndarray:
+        """Rates (T,) of a single agent at the positions (T, 2) of the steps 1 to T."""
+        if not self.tracks:
+            return self.single(path)
+        return np.array([self.after(step).single(x) for step, x in enumerate(path, 1)])
 
     def single(self, points: np.ndarray) -> np.ndarray:
         """Rates (...) of a single agent at points (..., 2)."""
@@ -89,7 +118,7 @@ def enumerate_chain(
             return end(alive, mass)
         velocities = policy.velocities(step, x, v, alive)
         following = x + dt * velocities
-        survival = np.exp(-dt * rates.members(following, alive))
+        survival = np.exp(-dt * rates.after(step + 1).members(following, alive))
         inside = np.hypot(*(following - center).T) <= radius
         living = np.flatnonzero(alive)
         for lives in itertools.product([True, False], repeat=len(living)):

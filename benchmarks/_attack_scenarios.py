@@ -39,6 +39,35 @@ def draw(
         raise Skip(f"scenario refused: {key}") from None
 
 
+def in_time(rng: Rng, scenario: csw.Scenario) -> csw.Scenario:
+    """The scenario, or a third of the time one whose radars move, follow paths or switch."""
+    if rng.random() > 1 / 3:
+        return scenario
+    hazard, t_f = scenario.hazard_table, scenario.time.t_f
+    unit = scenario.swarm.v_max * 10 ** rng.uniform(-2, 0.3)
+    radars = []
+    for place, strength in zip(hazard.radars, scenario.hazard.radar_strengths, strict=True):
+        radar: Data = {"position": place, "strength": float(strength)}
+        if rng.random() < 0.4:
+            times = np.sort(rng.uniform(-0.2, 1.2, size=3)) * t_f
+            points = place + 0.3 * t_f * unit * rng.normal(size=(3, 2))
+            radar = radar | {"path": np.column_stack([times, points]).tolist()}
+            del radar["position"]
+        elif rng.random() < 0.7:
+            radar["velocity"] = (unit * rng.normal(size=2)).tolist()
+        if rng.random() < 0.5:
+            ends = np.sort(rng.choice(np.arange(2 * scenario.n_steps + 3), 4, replace=False))
+            radar["active"] = (ends.reshape(2, 2) * scenario.time.dt / 2).tolist()
+        radars.append(radar)
+    try:
+        return scenario.with_values(
+            {"hazard.radars": [], "hazard.strengths": None, "hazard.radar": radars}
+        )
+    except csw.ScenarioError as error:
+        key = str(getattr(error, "key", "")).partition("[")[0]
+        raise Skip(f"scenario refused: {key}") from None
+
+
 def _ordinary(rng: Rng, n: int, between: tuple[int, int]) -> Data:
     steps = int(rng.integers(between[0], between[1] + 1))
     dt, v_max = 10 ** rng.uniform(-1, 0.3), 10 ** rng.uniform(-0.5, 1)
