@@ -68,7 +68,7 @@ def start_count(nlp: Nlp) -> int:
     return 1 if attached is None else attached.number
 
 
-@locked_cache(maxsize=32)
+@locked_cache(maxsize=512)  # where rates depend on time, each step has its own
 def formation_program(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> Nlp:
     """The program of `formation_nlp` with what the batch solvers read."""
     nlp, compiled = formation_nlp(hazard, n, corridor, horizon), formation_objective(hazard, n)

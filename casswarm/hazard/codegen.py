@@ -90,9 +90,13 @@ def derivative_source(
     return lower_source(name, symbols | parameters, outputs)
 
 
-@locked_cache(maxsize=64)
 def lowered_kernels(hazard: KernelHazard, order: int = 0) -> tuple[Callable[..., Any], ...]:
     """NumPy functions (see `lower`) of the expressions: source, density, collision, combine."""
+    return _lowered(hazard.template, order)
+
+
+@locked_cache(maxsize=64)
+def _lowered(hazard: KernelHazard, order: int) -> tuple[Callable[..., Any], ...]:
     kernels = _KERNELS.items()
     return tuple(lower(getattr(hazard, name), inputs, name, order) for name, inputs in kernels)
 

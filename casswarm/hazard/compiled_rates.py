@@ -13,6 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from .._util.threads import locked_cache
 from ..compiled.kernels import generated_module, specialised
 from ..errors import HazardError
 from ..typing import BoolArray, FloatArray
@@ -64,12 +65,20 @@ def rate_module(
     if not isinstance(hazard, KernelHazard):
         return None
     try:
-        text, parameters = differentiated_kernels(hazard)
+        text, parameters = _module(hazard.template, kernels, reordering)
     except HazardError:
         return None
+    radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
+    return text, np.concatenate([parameters, radars.ravel()])
+
+
+@locked_cache(maxsize=64)
+def _module(
+    hazard: KernelHazard, kernels: tuple[Callable[..., Any], ...], reordering: bool
+) -> tuple[str, tuple[float, ...]]:
+    """Text of the module, and the hazard's parameters."""
+    text, parameters = differentiated_kernels(hazard)
     symbols = ca.SX.sym("constants", len(parameters))
     unpacked = lower_source("unpacked", {"constants": symbols}, ca.vertsplit(symbols))
     text += f"\n\nCOLLIDES = {hazard.collides}\nFIRST_RADAR = {len(parameters)}\n\n\n{unpacked}"
-    radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
-    constants = np.concatenate([parameters, radars.ravel()])
-    return specialised(text, *kernels, reordering=reordering), constants
+    return specialised(text, *kernels, reordering=reordering), parameters

@@ -236,6 +236,7 @@ def _snapshot(hazard: HazardInTime, time: float) -> Hazard:
     radars = *base.radars[:rest], *(track.position_at(time) for track in hazard.tracks)
     strengths = *base.radar_strengths[:rest], *(each.strength_at(time) for each in hazard.tracks)
     snapshot = copy(base)  # not `replace`, which refuses the strength 0 of a radar that is off
+    object.__setattr__(snapshot, "_template", base)
     object.__setattr__(snapshot, "radars", radars)
     object.__setattr__(snapshot, "strengths", tuple(float(s) for s in strengths))
     return snapshot

@@ -110,9 +110,18 @@ class KernelHazard(Hazard):
         return np.array(self.radars, dtype=float)
 
     @property
+    def template(self) -> KernelHazard:
+        """A hazard with the same kernels: itself or, of a time, the hazard of time 0.
+
+        What is derived from kernels alone is derived once for all times.
+        """
+        template: KernelHazard = vars(self).get("_template", self)
+        return template
+
+    @property
     def collides(self) -> bool:
         """True if members endanger each other, which makes formation problems multimodal."""
-        return _collides(self)
+        return _collides(self.template)
 
     @property
     def gathers(self) -> bool:

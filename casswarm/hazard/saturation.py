@@ -83,13 +83,13 @@ class Saturation(KernelHazard):
 
     def least_rate(self, n: int) -> LeastRate | None:
         """Lower bound of a member's rate, at the best compromise of saturation and collisions."""
-        return _least_rates(self, n).least_rate() if self._is_papers else None
+        return _least_rates(self.template, n).least_rate() if self._is_papers else None
 
     def least_rates(self, n: int, densities: FloatArray, rates: FloatArray) -> FloatArray | None:
         """Lower bounds of a member's rate, by the largest density of its neighbours."""
         if not self._is_papers:
             return super().least_rates(n, densities, rates)
-        return _least_rates(self, n).at_most(densities, rates)
+        return _least_rates(self.template, n).at_most(densities, rates)
 
     def density_bound(self, squared_distances: FloatArray) -> FloatArray:
         """h, which decreases with distance."""

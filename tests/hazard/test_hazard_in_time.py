@@ -10,6 +10,8 @@ import pytest
 import casswarm as csw
 from casswarm.errors import CasswarmError, HazardError, ScenarioError
 from casswarm.grid import ValueFunction
+from casswarm.hazard.codegen import _lowered
+from casswarm.hazard.compiled_rates import _module
 
 DT, N = 0.5, 6
 LINE = {
@@ -346,3 +348,17 @@ def test_parts_that_do_not_treat_time_refuse_with_the_key_and_their_name(part):
     assert error.value.key == "hazard.radar"
     assert error.value.part
     assert isinstance(error.value, CasswarmError)
+
+
+def test_kernels_are_derived_once_for_all_times():
+    fine = csw.load_scenario("patrol").refined(8)
+    guide = csw.plan(fine, certify=False, search="local")
+    before = _lowered.cache_info().misses + _module.cache_info().misses
+    csw.simulate(fine, "leader", 20, guide=guide)
+    csw.evaluate(fine, "constrained", 0.1, guide=guide)
+    after = _lowered.cache_info().misses + _module.cache_info().misses
+    assert after - before <= 4  # of 112 steps
+    hazards = [fine.hazard.after(step) for step in (1, 50, 112)]
+    assert len({h.radars for h in hazards}) == 3
+    assert len({h.template for h in hazards}) == 1
+    assert pickle.loads(pickle.dumps(hazards[1])).template == hazards[1].template
