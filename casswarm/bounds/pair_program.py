@@ -219,7 +219,9 @@ def pair_lattice(
     at the nodes.
     """
     grid, certified = Grid.full(task, 1, reach, starts), multipliers is not None
-    multiplier, of_pair = multipliers or (0.0, 0.0)
+    deepest = task.radius + grid.spacing**2 / (4 * task.radius)  # by which costs of arrival fall
+    largest_arrival = 2 * _LARGEST_ARRIVAL / deepest
+    multiplier, of_pair = (min(each, largest_arrival) for each in multipliers or (0.0, 0.0))
     single = StageCosts(grid, certified, multiplier, inside=not certified)
     both = single.with_multiplier(of_pair)
     risk, exact = task.dt * _rates(grid, region, certified), 1.0

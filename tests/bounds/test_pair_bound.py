@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -89,6 +90,19 @@ def test_pair_bound_does_not_depend_on_where_a_partner_out_of_reach_is(far):
 def test_pair_bound_of_tiny_success_is_positive(factor):
     bound = pair_bound(pair(4, hazard__alpha_1=factor), max_nodes=200_000)
     assert 0 < bound.value < 1e-300
+
+
+def test_multipliers_of_a_target_much_smaller_than_a_step_do_not_overflow():
+    scenario = pair(target__radius=0.02)
+    program = first_program(scenario, 100_000)
+    largest = 300.0 / scenario.target.radius
+    bounds = [
+        replace(program, multipliers=(factor * largest, 2 * factor * largest)).backward()[0]
+        for factor in (1e-3, 1.0)
+    ]
+    best = PairValueFunction.from_scenario(scenario, 100_000).after(1, scenario.positions[None])[0]
+    assert np.isfinite(bounds).all()
+    assert min(bounds) >= best
 
 
 def test_initial_velocities_lower_bound():
