@@ -260,7 +260,9 @@ def packed(value: Any) -> bytes:
     return content
 
 
-def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[tuple[int, T]]:
+def _gathered(
+    pool: SubmitsJobs, jobs: dict[int, Callable[[], T]], cancel: bool = True
+) -> Iterator[tuple[int, T]]:
     from .. import __version__
 
     by_value = isinstance(pool, ProcessPoolExecutor)  # others pickle in ways of their own
@@ -275,7 +277,7 @@ def _gathered(pool: SubmitsJobs, jobs: dict[int, Callable[[], T]]) -> Iterator[t
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
-        for future in futures:
+        for future in futures if cancel else ():
             future.cancel()
 
 
@@ -312,7 +314,8 @@ def _in_processes(jobs: Sequence[Callable[[], T]], workers: int) -> Iterator[tup
             min(workers, len(unfinished)), get_context("spawn"), initializer=_begin
         )
         try:
-            for index, result in _gathered(pool, dict(unfinished)):
+            # not cancelled here: the pool's thread fails on cancelled jobs of ended processes
+            for index, result in _gathered(pool, dict(unfinished), cancel=False):
                 del unfinished[index]
                 died = False
                 yield index, result

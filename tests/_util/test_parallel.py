@@ -7,8 +7,11 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -41,6 +44,17 @@ def test_done_jobs_yields_indices_and_results() -> None:
     with ThreadPoolExecutor(2) as pool:
         assert dict(done_jobs(jobs, pool)) == {0: 0, 1: 1, 2: 4, 3: 9, 4: 16}
         assert pool.submit(int).result() == 0  # it was not shut down
+
+
+@pytest.mark.slow
+def test_jobs_that_are_given_up_end_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
+    failures: list[threading.ExceptHookArgs] = []
+    monkeypatch.setattr(threading, "excepthook", failures.append)
+    for _ in range(10):  # about two of ten failed while the jobs were cancelled one by one
+        results = done_jobs([partial(time.sleep, 0.05) for _ in range(60)], 2)
+        next(results)
+        results.close()  # type: ignore[attr-defined]
+    assert not failures
 
 
 def test_executor_gives_same_tables_as_one_process() -> None:
