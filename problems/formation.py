@@ -34,12 +34,16 @@ from ..nlp.program import Nlp
 
 
 @locked_cache(maxsize=32)
-def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> Nlp:
+def formation_nlp(
+    hazard: Hazard, n: int, corridor: bool, horizon: int = 1, later: tuple[Hazard, ...] = ()
+) -> Nlp:
     """The program above for n members and H = `horizon`, with or without the corridor.
 
+    `later` are the hazards of the steps after the first, where they have others.
     The variables are displacements, a column for every step and member: (2, H n). Constraints are
     in units of v_max, of a step and of a velocity, so that tolerances do not depend on units.
     """
+    hazards = [hazard, *(later or [hazard] * (horizon - 1))]
     u = ca.MX.sym("displacements", 2, horizon * n)
     shapes = {
         "positions": (2, n),
@@ -52,7 +56,7 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> N
         "later": (2, horizon - 1),
     }
     parameters = {name: ca.MX.sym(name, *shape) for name, shape in shapes.items() if all(shape)}
-    X, previous_velocities, alive, weights, goal, dt, v_max, *later = parameters.values()
+    X, previous_velocities, alive, weights, goal, dt, v_max, *goals = parameters.values()
     displacements = ca.horzsplit(u, n)
     positions = [X + dt * each for each in displacements]
     velocities = [b - a for a, b in pairwise([ca.MX.zeros(2, n), *displacements])]
@@ -62,14 +66,17 @@ def formation_nlp(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> N
     if horizon > 1:  # the first step's velocity is a variable, and has bounds
         constraints["speed"] = ca.horzcat(*velocities[1:]) / v_max
     if corridor:
-        offsets = ca.horzcat(*positions) - ca.kron(ca.horzcat(goal, *later), ca.DM.ones(1, n))
+        offsets = ca.horzcat(*positions) - ca.kron(ca.horzcat(goal, *goals), ca.DM.ones(1, n))
         constraints["corridor"] = ca.sum1((offsets / (v_max * dt)) ** 2)
     size = f"formation[{n}" if horizon == 1 else f"mpc-formation[{horizon} x {n}"
     return Nlp(
         name=f"{size}{', corridor' if corridor else ''}]",
         variables={"displacements": u},
         parameters=parameters,
-        objective=sum(ca.dot(weights, hazard.expression(x, alive)) for x in positions),
+        objective=sum(
+            ca.dot(weights, each.expression(x, alive))
+            for each, x in zip(hazards, positions, strict=True)
+        ),
         constraints=constraints,
         unroll=horizon * n <= (8 if horizon == 1 else 24),  # where scalar expressions are faster
     )

@@ -35,7 +35,7 @@ This is an approximation, neither a bound nor exact (except for n = 1).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -74,6 +74,8 @@ class JointForm:
     objective : {"success", "arrivals", "survivors"}
     separated : bool
         Whether members keep a minimum distance.
+    first : int
+        Step at which the plan begins, for rates that depend on time; else 0.
     """
 
     n: int
@@ -81,6 +83,7 @@ class JointForm:
     exact: bool = True
     objective: str = "success"
     separated: bool = False
+    first: int = 0
 
     @property
     def outside(self) -> bool:
@@ -126,13 +129,11 @@ def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
         constraints["separation"] = _squares(ca.mtimes(differences, X))
     points = ca.repmat(p["origin"], n, steps) + p["length"] * X
     if form.exact:
-        step = _step(hazard, n)
-        if n <= MAX_MEMBERS:
-            step = _scalar(step)
-        backwards = step.mapaccum("recursion", steps)
+        functions = _by_step(_step, hazard, form)
         clocks = ca.repmat(p["clock"], 1, steps)
-        reverse = (each[:, ::-1] for each in (points, p["continues"], p["costs"]))
-        values = backwards(p["last_cost"], *reverse, clocks)[:, ::-1]  # F_0, ..., F_{N-1}
+        reverse = [each[:, ::-1] for each in (points, p["continues"], p["costs"])]
+        backwards = _accumulated(functions[::-1], p["last_cost"], *reverse, clocks)
+        values = backwards[:, ::-1]  # F_0, ..., F_{N-1}
         objective = _log_odds(values[-1, 0])
     else:
         objective = _mean_field(hazard, form, p, points)
@@ -144,7 +145,7 @@ def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
         constraints=constraints,
     )
     if hessian and form.exact and n <= MAX_MEMBERS:
-        of_lagrangian = lagrangian_hessian(program, step, points, values, _log_odds)
+        of_lagrangian = lagrangian_hessian(program, functions, points, values, _log_odds)
         if of_lagrangian is not None:
             program = program.with_attachments(LagrangianHessian(of_lagrangian))
     return program
@@ -154,8 +155,28 @@ def _log_odds(failure: Expr) -> Expr:
     return ca.log(failure + TINY) - ca.log(1.0 - failure + CERTAIN)
 
 
+def _by_step(make: Callable[[Hazard, int], Expr], hazard: Hazard, form: JointForm) -> list[Expr]:
+    """CasADi Functions of the steps of a plan; a single one if all steps are alike."""
+    steps = range(form.first + 1, form.first + form.horizon + 1) if hazard.changes else [0]
+    return [make(hazard.after(step), form.n) for step in steps]
+
+
+def _accumulated(functions: Sequence[Expr], first: Expr, *columns: Expr) -> Expr:
+    """Values after each step of a recursion, in columns, from the first value on."""
+    if len(functions) == 1:
+        return functions[0].mapaccum("recursion", columns[0].shape[1])(first, *columns)
+    values = [first]
+    for step, function in enumerate(functions):
+        values.append(function(values[-1], *(column[:, step] for column in columns)))
+    return ca.horzcat(*values[1:])
+
+
+@locked_cache(maxsize=512)
 def _step(hazard: Hazard, n: int) -> Expr:
-    """CasADi Function of a step of the recursion: F_{t+1} and X(t+1) to F_t."""
+    """CasADi Function of a step of the recursion: F_{t+1} and X(t+1) to F_t.
+
+    Of scalar operations, which is faster, for few members whose rates have such.
+    """
     pairs = subsets(n)
     count = len(pairs.members)
     value, x = ca.MX.sym("value", count), ca.MX.sym("x", 2 * n)
@@ -168,13 +189,9 @@ def _step(hazard: Hazard, n: int) -> Expr:
         outside, dead, alive = ca.horzsplit(contracted, masks.shape[1])
         q = ca.reshape(lost[:, i][masks.ravel(order="F").tolist()], *masks.shape)
         contracted = ca.vertcat(outside, alive + q * (dead - alive))
-    return ca.Function("step", [value, x, continues, cost, clock], [contracted])
-
-
-def _scalar(function: Expr) -> Expr:
-    """The function of scalar operations, which is faster; itself for rates that have none."""
+    function = ca.Function("step", [value, x, continues, cost, clock], [contracted])
     try:
-        return function.expand()
+        return function.expand() if n <= MAX_MEMBERS else function
     except RuntimeError:
         return function
 
@@ -182,21 +199,26 @@ def _scalar(function: Expr) -> Expr:
 def _mean_field(hazard: Hazard, form: JointForm, p: Mapping[str, Expr], points: Expr) -> Expr:
     """Log-odds of the mean field's F."""
     n, steps = form.n, form.horizon
-    alive, x, under_way = ca.MX.sym("alive", n), ca.MX.sym("x", 2 * n), ca.MX.sym("under_way", n)
-    clock, identity = ca.MX.sym("clock"), ca.DM.eye(n)
-    field = ca.repmat(alive.T, n, 1) * (1 - identity) + identity
-    rates = ca.diag(hazard.expressions(ca.reshape(x, 2, n), field))
-    following = alive * ca.exp(-clock * under_way * rates)
-    step = ca.Function("step", [alive, x, under_way, clock], [following])
+    functions = _by_step(_mean_step, hazard, form)
     # a member is under way until its arrival step: the sum of its indicators from each step on
     remaining = ca.mtimes(p["arrivals"], ca.DM.ones(ca.Sparsity.lower(steps)))
     clocks = ca.repmat(p["clock"], 1, steps)
-    survival = step.mapaccum("field", steps)(ca.DM.ones(n), points, remaining, clocks)[:, -1]
+    survival = _accumulated(functions, ca.DM.ones(n), points, remaining, clocks)[:, -1]
     survival = survival * ca.sum2(p["arrivals"])  # members that never arrive do not count
     if form.objective != "success":
         return _log_odds(1.0 - ca.sum1(survival) / n)
     logarithm = ca.sum1(ca.log1p(-survival + CERTAIN))
     return logarithm - ca.log(CERTAIN - ca.expm1(logarithm))
+
+
+def _mean_step(hazard: Hazard, n: int) -> Expr:
+    """CasADi Function of a step of the mean field."""
+    alive, x, under_way = ca.MX.sym("alive", n), ca.MX.sym("x", 2 * n), ca.MX.sym("under_way", n)
+    clock, identity = ca.MX.sym("clock"), ca.DM.eye(n)
+    field = ca.repmat(alive.T, n, 1) * (1 - identity) + identity
+    rates = ca.diag(hazard.expressions(ca.reshape(x, 2, n), field))
+    following = alive * ca.exp(-clock * under_way * rates)
+    return ca.Function("step", [alive, x, under_way, clock], [following])
 
 
 def _squares(vectors: Expr) -> Expr:

@@ -16,7 +16,7 @@ matrix, which is propagated back by one product with S_j. This takes about N^2 n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 
@@ -28,18 +28,18 @@ MAX_MEMBERS = 6
 
 
 def lagrangian_hessian(
-    nlp: Nlp, step: Expr, points: Expr, values: Expr, odds: Callable[[Expr], Expr]
+    nlp: Nlp, steps: Sequence[Expr], points: Expr, values: Expr, odds: Callable[[Expr], Expr]
 ) -> Expr | None:
     """CasADi Function (x, p, lam_f, lam_g) of the upper triangle that ``hess_lag`` expects.
 
-    The program has parameters continues, costs, last_cost and clock; `step` is a Function (F, x, g,
-    c, clock) of S(x) (c + g F); `points` (2 n, N) are X(1), ..., X(N), linear in the variables,
-    `values` (2^n, N) F_0, ..., F_{N-1}, and `odds` takes F to the objective. None for a step that
-    is not one of scalar operations, as with a user's callback.
+    The program has parameters continues, costs, last_cost and clock; `steps` are Functions (F, x,
+    g, c, clock) of S(x) (c + g F), one for each step or one for all; `points` (2 n, N) are X(1),
+    ..., X(N), linear in the variables, `values` (2^n, N) F_0, ..., F_{N-1}, and `odds` takes F to
+    the objective. None for steps that are not of scalar operations, as with a user's callback.
     """
-    if not step.is_a("SXFunction"):
+    if not steps[0].is_a("SXFunction"):
         return None
-    derivatives = _step_derivatives(step, values.shape[0], points.shape[0])
+    derivatives = [_step_derivatives(step, values.shape[0], points.shape[0]) for step in steps]
     p = nlp.parameters
     after = p["costs"] + p["continues"] * ca.horzcat(values[:, 1:], p["last_cost"])
     gradient, hessian = _by_points(derivatives, after, p["continues"], points, p["clock"])
@@ -59,7 +59,7 @@ def lagrangian_hessian(
 
 
 def _by_points(
-    derivatives: Expr, after: Expr, continues: Expr, points: Expr, clock: Expr
+    derivatives: Sequence[Expr], after: Expr, continues: Expr, points: Expr, clock: Expr
 ) -> tuple[Expr, Expr]:
     """Gradient (2 n N,) and Hessian of F in X(1), ..., X(N); `after` are b_1, ..., b_N."""
     width, steps = points.shape
@@ -67,7 +67,7 @@ def _by_points(
     masses[-1] = 1.0
     gradient, blocks = [], []
     for k in range(steps):
-        first, *second = derivatives(masses, after[:, k], points[:, k], clock)
+        first, *second = derivatives[k % len(derivatives)](masses, after[:, k], points[:, k], clock)
         gradient.append(first)
         blocks.append(second)
         masses = continues[:, k] * ca.mtimes(second[-1].T, masses)

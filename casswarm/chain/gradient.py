@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .._util.threads import locked_cache
 from ..compiled.kernels import allocating_kernel, kernel
-from ..hazard import Hazard, require_at_rest
+from ..hazard import Hazard
 from ..policies.parametric import BatchFunction, ParametricPolicy
 from ..typing import BoolArray, FloatArray, IntArray
 from .exact import Edges, Layer, StateSpaceExpansion
@@ -78,7 +78,6 @@ def success_and_gradient(
         target are absorbed. Rounding to a lattice is differentiated as if it were none.
     """
     scenario, gradient = expansion.scenario, np.zeros_like(policy.parameters)
-    require_at_rest(scenario.hazard, "the gradient of success in a policy's parameters")
     absorption = partial(_absorption, scenario, arrival_smoothing)
     layers, residual = expansion.layers(lambda move: absorption(move)[0])
     after = Values(*np.zeros((2, 0)), *np.zeros((2, 0, scenario.n, 2)))
@@ -119,7 +118,8 @@ def _backward(
     backward(layer.step, move.inside, layer.edges, after, before, by)
     to_rates = -dt * move.survival * by.survival
     to_positions = by.positions + by.arrival[..., None] * slopes
-    to_positions += _rates_adjoint(scenario.hazard, move.positions, states.alive, to_rates)
+    hazard = scenario.hazard.after(step + 1)
+    to_positions += _rates_adjoint(hazard, move.positions, states.alive, to_rates)
     seeds = by.velocities + dt * to_positions
     state = states.positions, states.previous_velocities, states.alive
     to_commanded, to_previous = policy.project_adjoint(step, state, seeds)
@@ -140,7 +140,7 @@ def _rates_adjoint(
     return derivatives.T.reshape(positions.shape)
 
 
-@locked_cache(maxsize=64)
+@locked_cache(maxsize=512)  # where rates depend on time, each step has its own
 def _adjoint_function(hazard: Hazard, n: int) -> BatchFunction:
     positions, alive = ca.MX.sym("positions", 2 * n), ca.MX.sym("alive", n)
     seeds = ca.MX.sym("seeds", n)

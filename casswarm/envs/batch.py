@@ -32,8 +32,7 @@ from ..errors import EnvError
 from ..grid import Relaxation
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
-from ..hazard import require_at_rest
-from ..hazard.compiled_rates import compiled_rates
+from ..hazard.compiled_rates import CompiledRates, compiled_rates
 from ..motion.step import Motion
 from ..policies.observation import Observation
 from ..scenario import Scenario, load_scenario
@@ -85,6 +84,7 @@ class SwarmBatch:
         shaping: bool,
         discount: float,
         observe_guide: bool = False,
+        radar_preview: int = 0,
     ) -> None:
         if not isinstance(size, int | np.integer) or size < 1:
             raise EnvError(
@@ -99,15 +99,15 @@ class SwarmBatch:
                 value=discount,
             )
         self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-        require_at_rest(self.scenario.hazard, "an environment (casswarm.envs)")
         self.size, self.discount = int(size), discount
         if guide is None and observe_guide:
             guide = plan(self.scenario, certify=False)
         observed = guide if observe_guide else None
-        self.observation = Observation.from_scenario(self.scenario, dtype, guide=observed)
+        self.observation = Observation.from_scenario(
+            self.scenario, dtype, guide=observed, preview=radar_preview
+        )
         self._initial_velocities = _initial_velocities(self.scenario, guide)
         self._table = risk_table(self.scenario) if shaping else None
-        self._rates = compiled_rates(self.scenario.hazard, self.scenario.n)
         n, shape = self.scenario.n, (self.size, self.scenario.n, 2)
         self.swarms = step_kernels.Swarms(
             positions=np.zeros(shape),
@@ -129,6 +129,10 @@ class SwarmBatch:
         )
         self.potentials: FloatArray = np.zeros(self.size)
         self._work = np.empty((1, 10)), np.empty(n)
+
+    @cached_property
+    def _rates(self) -> CompiledRates | None:
+        return compiled_rates(self.scenario.hazard, self.scenario.n)
 
     @cached_property
     def _limits(self) -> step_kernels.Limits:
@@ -201,11 +205,17 @@ class SwarmBatch:
 
     def _write_rates(self, active: BoolArray) -> None:
         """Write the rates where the active swarms move."""
-        moves, alive = self.moves, self.swarms.alive
-        if self._rates is not None and self._rates(moves.positions, alive, moves.rates):
+        moves, swarms, hazard = self.moves, self.swarms, self.scenario.hazard
+        if not hazard.changes:
+            if self._rates is None or not self._rates(moves.positions, swarms.alive, moves.rates):
+                # these rates are checked
+                rates = hazard.rates(moves.positions[active], swarms.alive[active])
+                moves.rates[active] = rates
             return
-        hazard = self.scenario.hazard  # whose rates are checked
-        moves.rates[active] = hazard.rates(moves.positions[active], alive[active])
+        for step in np.unique(swarms.steps[active]):
+            rows = active & (swarms.steps == step)
+            positions, alive = moves.positions[rows], swarms.alive[rows]
+            moves.rates[rows] = hazard.after(int(step) + 1).rates(positions, alive)
 
     def _require_running(self, active: BoolArray) -> None:
         over = np.flatnonzero(self.ends.ended & active)

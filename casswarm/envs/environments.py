@@ -41,7 +41,7 @@ def frame(
 
 @themed
 def _figure(scenario: Scenario, step: int, positions: FloatArray, alive: BoolArray) -> Figure:
-    fig, axes = base_map(scenario, [scenario.positions])
+    fig, axes = base_map(scenario, [scenario.positions], step)
     add_start(axes, scenario.positions)
     axes.plot(*positions[alive].T, zorder=6, label="living", **marker("o", 6, BLUE))
     add_legend(axes)
@@ -77,6 +77,8 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         Of the shaping; that of the learner.
     observe_guide : bool
         Whether members observe the guide's reference of the next step: see `Observation`.
+    radar_preview : int
+        Number of next steps whose radars are observed, too, where radars move or switch.
     autoreset_mode : AutoresetMode or str
         When a run that has ended is followed by the next: see `step` for ``DISABLED``.
     render_mode : str, optional
@@ -104,6 +106,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         shaping: bool = False,
         discount: float = 1.0,
         observe_guide: bool = False,
+        radar_preview: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
@@ -114,7 +117,8 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             )
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
-        self.batch = SwarmBatch(scenario, num_envs, guide, dtype, shaping, discount, observe_guide)
+        observed = observe_guide, radar_preview
+        self.batch = SwarmBatch(scenario, num_envs, guide, dtype, shaping, discount, *observed)
         self.scenario, self.num_envs = self.batch.scenario, self.batch.size
         self.render_mode = render_mode
         observation = self.batch.observation
@@ -261,6 +265,7 @@ class OneSwarm:
         shaping: bool = False,
         discount: float = 1.0,
         observe_guide: bool = False,
+        radar_preview: int = 0,
         render_mode: str | None = None,
     ) -> None:
         self.vector = SwarmVectorEnv(
@@ -270,6 +275,7 @@ class OneSwarm:
             shaping=shaping,
             discount=discount,
             observe_guide=observe_guide,
+            radar_preview=radar_preview,
             autoreset_mode="Disabled",
             render_mode=render_mode,
         )
@@ -292,7 +298,7 @@ class SwarmEnv(OneSwarm, gymnasium.Env[NDArray[Any], NDArray[Any]]):
     Parameters
     ----------
     scenario : Scenario, str or Path
-    guide, dtype, shaping, discount, observe_guide, render_mode
+    guide, dtype, shaping, discount, observe_guide, radar_preview, render_mode
         As of `SwarmVectorEnv`.
     """
 

@@ -28,7 +28,7 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
     Parameters
     ----------
     scenario : Scenario, str or Path
-    guide, dtype, shaping, discount, observe_guide, render_mode
+    guide, dtype, shaping, discount, observe_guide, radar_preview, render_mode
         As of `SwarmVectorEnv`.
     """
 

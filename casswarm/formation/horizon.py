@@ -154,7 +154,7 @@ def _formation(step: Step, plan: _Plan) -> Formation:
     batch, n = step.alive.shape
     horizon, motion, free = step.horizon, step.motion, plan.free
     corridor = plan.radius > 0.0
-    nlp = formation_program(step.hazard, n, corridor, horizon)
+    nlp = formation_program(step.hazard, n, corridor, horizon, step.later)
     living = step.alive[..., None, None]
     interior, guess = (
         np.ascontiguousarray(np.where(living, path, 0.0).transpose(0, 2, 1, 3))
@@ -286,7 +286,7 @@ def _solve(
         centers=np.zeros((size, steps, 2)),
         radii=np.full((size, steps, 1), np.inf),
         p=discs,
-        constants=np.zeros(1),
+        constants=np.zeros((1, 1)),
         scale=np.tile([limits.speed, limits.speed**2], (size, 1)),
     )
     results, multipliers = Results.empty((size, steps, 2)), np.empty((size, steps, 1, 6))

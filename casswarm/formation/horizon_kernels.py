@@ -56,8 +56,8 @@ class Problem(NamedTuple):
 
     Parameters
     ----------
-    p : (1 or H, np)
-        Parameters, for all steps or for each.
+    p, constants : (1 or H, np), (1 or H, s)
+        Parameters and constants, for all steps or for each.
     columns : (2k,) int
         Columns of `u` that are variables: the coordinates of active members.
     constraints : Constraints
@@ -119,7 +119,8 @@ def write(y: FloatArray, problem: Problem) -> None:
 def evaluate(problem: Problem, s: int, gradient: FloatArray) -> float:
     """Objective of step s at `u`; its gradient is written."""
     p = problem.p[min(s, problem.p.shape[0] - 1)]
-    return problem.evaluate(problem.u[s], p, problem.constants, gradient, problem.scratch)  # type: ignore[no-any-return]
+    constants = problem.constants[min(s, problem.constants.shape[0] - 1)]
+    return problem.evaluate(problem.u[s], p, constants, gradient, problem.scratch)  # type: ignore[no-any-return]
 
 
 @kernel
@@ -365,8 +366,8 @@ class Batch(NamedTuple):
     """B states of n members over H steps: `TrajectorySets`, coordinates of members as one axis.
 
     x0, the initial guesses, (B, H, 2n), inside (B, H, 2n), free (B, n), initial_velocities
-    (B, 1, 2n), centers (B, H, 2n), radii (B, H, n), p (B, 1 or H, np); scale (B, 2) are the units
-    of x, the bound of a velocity's components, and of the objective.
+    (B, 1, 2n), centers (B, H, 2n), radii (B, H, n), p (B, 1 or H, np), constants (1 or H, s);
+    scale (B, 2) are the units of x, the bound of a velocity's components, and of the objective.
     """
 
     x0: FloatArray

@@ -93,7 +93,7 @@ class InteriorPoint(BatchSolver):
             centers=contiguous(sets.centers.swapaxes(1, 2).reshape(batch, steps, 2 * n)),
             radii=contiguous(sets.radii.swapaxes(1, 2)),
             p=contiguous(instances.p)[:, None],
-            constants=compiled.constants,
+            constants=np.atleast_2d(compiled.constants),
             scale=contiguous(instances.scale),
         )
         number = self.n_starts or start_count(nlp)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from .._util.threads import locked_cache
 from ..compiled.kernels import generated_module, objective
@@ -28,8 +30,9 @@ class CompiledObjective:
         Text of a module of kernels, of which ``evaluate_few`` or ``evaluate_many`` returns f(x; p)
         and writes the gradient. All problems of a kind have the same source, which is compiled
         once.
-    constants : (s,)
-        Numbers that all instances share, such as the positions of radars.
+    constants : (s,) or (H, s)
+        Numbers that all instances share, such as the positions of radars; of H steps, those of
+        each, where they differ.
     large : bool
         Whether it is for `LARGE_SWARM` members (pairs of coordinates of x) or more. Where
         `gradient` has 5n entries, it then also writes the second derivatives (xx, xy, yy) of
@@ -69,9 +72,16 @@ def start_count(nlp: Nlp) -> int:
 
 
 @locked_cache(maxsize=512)  # where rates depend on time, each step has its own
-def formation_program(hazard: Hazard, n: int, corridor: bool, horizon: int = 1) -> Nlp:
+def formation_program(
+    hazard: Hazard, n: int, corridor: bool, horizon: int = 1, later: tuple[Hazard, ...] = ()
+) -> Nlp:
     """The program of `formation_nlp` with what the batch solvers read."""
-    nlp, compiled = formation_nlp(hazard, n, corridor, horizon), formation_objective(hazard, n)
+    nlp = formation_nlp(hazard, n, corridor, horizon, later)
+    compiled = formation_objective(hazard, n)
+    if compiled is not None and later:
+        each = [formation_objective(other, n) for other in later]
+        constants = np.stack([compiled.constants, *(one.constants for one in each if one)])
+        compiled = replace(compiled, constants=constants)
     if compiled is not None:
         nlp = nlp.with_attachments(compiled)
     smooth = isinstance(hazard, KernelHazard) and not hazard.collides

@@ -209,8 +209,11 @@ def _formation(task: FormationTask, problems: StateProblem) -> Formation:
 
 def formation_scale(step: Step, weights: FloatArray) -> FloatArray:
     """Scales (B, 2): v_max, and the rate of isolated members at the present positions, H steps."""
-    isolated = (weights * step.hazard.single_agent_rates(step.positions)).sum(axis=1)
-    return _scale(step, step.horizon * isolated)
+    hazards = (step.hazard, *step.later)
+    isolated = sum(
+        (weights * hazard.single_agent_rates(step.positions)).sum(axis=1) for hazard in hazards
+    )
+    return _scale(step, isolated if step.later else step.horizon * isolated)
 
 
 def _scale(step: Step, rates: FloatArray) -> FloatArray:

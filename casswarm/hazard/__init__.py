@@ -1,6 +1,6 @@
 """Destruction rates of members: kernels, the paper's two hazards, and custom ones."""
 
-from .array_rates import LocalRates, blocked, set_rates, unblocked
+from .array_rates import LocalRates, blocked, radar_table, set_rates, unblocked
 from .base import Hazard
 from .compiled_rates import compiled_rates, rate_module
 from .custom import CustomHazard
@@ -21,6 +21,7 @@ __all__ = [
     "SaturationCollision",
     "blocked",
     "compiled_rates",
+    "radar_table",
     "rate_module",
     "regular",
     "require_at_rest",

@@ -67,18 +67,29 @@ def unblocked(blocks: FloatArray, size: int) -> FloatArray:
     return np.ascontiguousarray(steps).reshape(-1, *steps.shape[2:])[:size]
 
 
+def radar_table(*hazards: KernelHazard) -> FloatArray:
+    """Radars (k, r, 3, 1) of hazards with the same kernels: positions and strengths."""
+    rows = [np.column_stack([each.radar_positions, each.radar_strengths]) for each in hazards]
+    return np.array(rows)[..., None]
+
+
 def set_rates(
-    hazard: KernelHazard, points: FloatArray, sets: BoolArray | None = None
+    hazard: KernelHazard,
+    points: FloatArray,
+    sets: BoolArray | None = None,
+    radars: FloatArray | None = None,
 ) -> FloatArray:
     """Rates (k, m, n, l) of all members in sets (m, n), of swarms at points (k, n, 2, l).
 
-    By default in all 2^n sets, in the order of their bit masks.
+    By default in all 2^n sets, in the order of their bit masks, and with the hazard's own radars;
+    else with radars (k, r, 3, l), positions and strengths, or (1, r, 3, 1).
     """
+    radars = radar_table(hazard) if radars is None else radars
     source, density, collision, combine = lowered_kernels(hazard)
     pairs = _squares(_differences(points))
     with np.errstate(all="ignore"):  # values that are not finite are found where they are used
-        strengths = source(_squares(_to_radars(hazard, points)))
-        sums = _sums(hazard, sets, strengths, density(pairs), collision(pairs), pairs)
+        strengths = source(_squares(_to_radars(radars, points)))
+        sums = _sums(radars, sets, strengths, density(pairs), collision(pairs), pairs)
         return np.asarray(combine(*sums))
 
 
@@ -101,26 +112,29 @@ class LocalRates:
     rates: FloatArray
 
     @classmethod
-    def of(cls, hazard: KernelHazard, points: FloatArray) -> LocalRates:
-        """Rates in all sets of swarms at points (k, n, 2, l)."""
+    def of(
+        cls, hazard: KernelHazard, points: FloatArray, radars: FloatArray | None = None
+    ) -> LocalRates:
+        """Rates in all sets of swarms at points (k, n, 2, l), with radars as in `set_rates`."""
+        radars = radar_table(hazard) if radars is None else radars
         source, density, collision, combine = lowered_kernels(hazard, 2)
-        to_radars, squares = _to_radars(hazard, points), _squares(_differences(points))
+        to_radars, squares = _to_radars(radars, points), _squares(_differences(points))
         with np.errstate(all="ignore"):  # values that are not finite end the solve
             strengths = _filled(source, 3, 1, _squares(to_radars))
             of_pairs = np.concatenate(
                 [_filled(density, 3, 1, squares), _filled(collision, 3, 1, squares)], axis=1
             )
             values = strengths[:, 0], of_pairs[:, 0], of_pairs[:, 3]
-            rates = _filled(combine, 10, 2, *_sums(hazard, None, *values, squares))
+            rates = _filled(combine, 10, 2, *_sums(radars, None, *values, squares))
         own = np.arange(points.shape[1])
         of_pairs[:, :, own, own] = 0.0
         pairs = np.ascontiguousarray(of_pairs[:, [1, 2, 4, 5]])
-        return cls(_by_position(hazard, strengths, to_radars), pairs, rates)
+        return cls(_by_position(radars, strengths, to_radars), pairs, rates)
 
 
-def _by_position(hazard: KernelHazard, strengths: FloatArray, to_radars: FloatArray) -> FloatArray:
+def _by_position(radars: FloatArray, strengths: FloatArray, to_radars: FloatArray) -> FloatArray:
     """Derivatives of the sum over radars, from strengths (k, 3, n, r, l) of each."""
-    weights = hazard.radar_strengths[:, None]
+    weights = radars[:, None, :, 2]
     slope, bend = strengths[:, 1] * weights, strengths[:, 2] * weights
     x, y = to_radars[:, :, :, 0], to_radars[:, :, :, 1]
     laplacian = 2.0 * slope
@@ -135,7 +149,7 @@ def _by_position(hazard: KernelHazard, strengths: FloatArray, to_radars: FloatAr
 
 
 def _sums(
-    hazard: KernelHazard,
+    radars: FloatArray,
     sets: BoolArray | None,
     strengths: FloatArray,
     density: FloatArray,
@@ -151,7 +165,7 @@ def _sums(
         (members @ np.broadcast_to(values, pairs.shape).reshape(blocks, n, -1)).reshape(shape)
         for values in (density, others)
     )
-    by_radars = (strengths * hazard.radar_strengths[:, None]).sum(axis=2)[:, None]
+    by_radars = (strengths * radars[:, None, :, 2]).sum(axis=2)[:, None]
     return np.broadcast_to(by_radars, shape), densities, collisions
 
 
@@ -166,9 +180,9 @@ def _filled(
     return values
 
 
-def _to_radars(hazard: KernelHazard, points: FloatArray) -> FloatArray:
+def _to_radars(radars: FloatArray, points: FloatArray) -> FloatArray:
     """Differences (k, n, r, 2, l)."""
-    return np.asarray(points[:, :, None] - hazard.radar_positions[:, :, None])
+    return np.asarray(points[:, :, None] - radars[:, None, :, :2])
 
 
 def _differences(points: FloatArray) -> FloatArray:

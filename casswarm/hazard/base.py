@@ -172,6 +172,11 @@ class Hazard(ABC):
         rates = self.rates(states, np.tile(sets, (len(positions), 1)))
         return rates.reshape(len(positions), *sets.shape)
 
+    def set_rates_along(self, positions: FloatArray, sets: BoolArray, step: int = 0) -> FloatArray:  # noqa: ARG002
+        """Rates (..., T, m, n) as `set_rates`, at positions (..., T, n, 2) from `step` + 1 on."""
+        states = positions.reshape(-1, *positions.shape[-2:])
+        return self.set_rates(states, sets).reshape(*positions.shape[:-2], *sets.shape)
+
     def rates_along(self, points: FloatArray, step: int = 0) -> FloatArray:  # noqa: ARG002
         """Rates (T, ...) of single members on paths, at points (T, ..., 2) from `step` + 1 on."""
         return self.single_agent_rates(points)

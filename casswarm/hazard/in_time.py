@@ -142,6 +142,11 @@ class HazardInTime(Hazard):
         return self.at(time).single_agent_rates(points)
 
     @override
+    def set_rates_along(self, positions: FloatArray, sets: BoolArray, step: int = 0) -> FloatArray:
+        by_step = enumerate(np.moveaxis(positions, -3, 0), step + 1)
+        return np.stack([self.after(t).set_rates_along(x, sets) for t, x in by_step], axis=-3)
+
+    @override
     def rates_along(self, points: FloatArray, step: int = 0) -> FloatArray:
         rates = [self.after(t).single_agent_rates(x) for t, x in enumerate(points, step + 1)]
         return np.stack(rates) if rates else np.empty(points.shape[:-1])

@@ -258,7 +258,7 @@ def _own_paths(scenario: Scenario, task: JointTask, paths: dict[str, list[FloatA
     positions = tracked_positions(task, track(task, tiled))  # (N+1, m, n, 2)
     last = np.array([len(path) - 1 for path in available])
     under_way = np.arange(1, task.steps + 1)[:, None] <= last
-    rates = scenario.hazard.single_agent_rates(positions[1:]) * under_way[..., None]
+    rates = scenario.hazard.rates_along(positions[1:]) * under_way[..., None]
     choice = rates.sum(axis=0).argmin(axis=0)
     return Family("own paths", last[choice][None], goals[:, None, choice])
 
@@ -274,11 +274,12 @@ def _lattices(
     """
     from scipy.optimize import linear_sum_assignment  # slow to import
 
-    count, hazard = len(positions), scenario.hazard
+    count = len(positions)
     if count == 1:
         return [np.zeros((1, 2))]
     shapes = [_lattice(count), _polygon(count)] if count > 3 else [_lattice(count)]
-    worst = path[1 + int(hazard.single_agent_rates(path[1:]).argmax())]
+    step = 1 + int(scenario.hazard.rates_along(path[1:]).argmax())
+    worst, hazard = path[step], scenario.hazard.after(step)
     spacings = np.maximum(_SPACINGS * scenario.target.radius, 1.05 * min_distance)
     centered = positions - positions.mean(axis=0)
     assigned = []

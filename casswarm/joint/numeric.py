@@ -19,7 +19,15 @@ from typing_extensions import override
 from .._util.threads import locked_cache
 from ..compiled.kernels import contiguous
 from ..compiled.parallel import execute
-from ..hazard import Hazard, KernelHazard, LocalRates, blocked, set_rates, unblocked
+from ..hazard import (
+    Hazard,
+    KernelHazard,
+    LocalRates,
+    blocked,
+    radar_table,
+    set_rates,
+    unblocked,
+)
 from ..nlp.program import Nlp
 from ..problems.joint import CERTAIN, TINY, JointForm, joint_nlp
 from ..solvers.interior_point.derivatives import (
@@ -177,25 +185,32 @@ class StageFactors(Factors):
 def joint_program(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
     """The program of `joint_nlp`, with these derivatives if the rates are made of kernels."""
     nlp = joint_nlp(hazard, form, hessian)
-    if not (form.exact and isinstance(hazard, KernelHazard)):
+    hazards = [hazard.after(form.first + t + 1) for t in range(form.horizon)]
+    if not (form.exact and isinstance(hazards[0], KernelHazard)):
         return nlp
+    radars = radar_table(*hazards) if hazard.changes else None  # type: ignore[arg-type]
     plain = replace(nlp, attachments=())
-    return nlp.with_attachments(NumericDerivatives(partial(JointNumeric, plain, hazard, form.n)))
+    numeric = partial(JointNumeric, plain, hazards[0], radars, form.n)
+    return nlp.with_attachments(NumericDerivatives(numeric))
 
 
 @dataclass(frozen=True, eq=False)
 class JointNumeric(Problems):
-    """Instances of a joint plan of n members, with parameters (B, np)."""
+    """Instances of a joint plan of n members, with parameters (B, np).
+
+    `radars` (T, r, 3, 1) are those of every step, None if they are the hazard's own.
+    """
 
     nlp: Nlp
     hazard: KernelHazard
+    radars: FloatArray | None
     n: int
     p: FloatArray
 
     @override
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = self._points(rows, x)
-        failure = points.swept(set_rates(self.hazard, points.blocks))[1][:, -1]
+        failure = points.swept(set_rates(self.hazard, points.blocks, None, points.radars))[1][:, -1]
         with np.errstate(invalid="ignore"):
             odds = np.log(failure + TINY) - np.log(1.0 - failure + CERTAIN)
         return odds, contiguous(points.constraints.values.T)
@@ -208,7 +223,7 @@ class JointNumeric(Problems):
         p = {name: blocks[rows] for name, blocks in self._parameters.items()}
         velocities = contiguous(x.T).reshape(len(rows), -1, self.n, 2)
         constraints = Constraints.at(tuple(self.nlp.constraints), velocities, p)
-        return JointPoints(self.hazard, constraints, p)
+        return JointPoints(self.hazard, self.radars, constraints, p)
 
     @cached_property
     def _parameters(self) -> dict[str, FloatArray]:
@@ -220,6 +235,7 @@ class JointPoints:
     """Points of b instances, with their parameters."""
 
     hazard: KernelHazard
+    by_step: FloatArray | None  # (T, r, 3, 1), the radars of every step if they differ
     constraints: Constraints
     p: dict[str, FloatArray]
 
@@ -228,6 +244,14 @@ class JointPoints:
         """X(1..T), the steps of all instances in blocks (k, n, 2, LANES)."""
         p = {name: self.p[name][:, None] for name in ("origin", "length", "center")}
         return in_blocks(p["origin"] + p["length"] * (self.constraints.to_center + p["center"]))
+
+    @cached_property
+    def radars(self) -> FloatArray | None:
+        """Radars of the blocks (k, r, 3, LANES), None if they are the hazard's own."""
+        if self.by_step is None:
+            return None
+        shape = len(self.constraints.changes), *self.by_step.shape[:-1]
+        return in_blocks(np.broadcast_to(self.by_step[..., 0], shape))
 
     @cached_property
     def _clock(self) -> FloatArray:
@@ -245,7 +269,7 @@ class JointPoints:
 
     def differentiated(self) -> tuple[FloatArray, Derivatives]:
         """F (b,), with its derivatives in all steps, in lengths of a step at v_max."""
-        local = LocalRates.of(self.hazard, self.blocks)
+        local = LocalRates.of(self.hazard, self.blocks, self.radars)
         lost, failure, masses, after = self.swept(local.rates[:, :, 0])
         (batch, steps, sets), n = masses.shape, lost.shape[2]
         width = 2 * n

@@ -60,10 +60,12 @@ class PlanDistribution:
     rounding: float
 
     @classmethod
-    def from_positions(cls, scenario: Scenario, positions: FloatArray) -> PlanDistribution:
-        """Distribution of trajectories (N+1, n, 2) from some step to the scenario's last."""
+    def from_positions(
+        cls, scenario: Scenario, positions: FloatArray, step: int = 0
+    ) -> PlanDistribution:
+        """Distribution of trajectories (N+1, n, 2) from a step on, at which all are alive."""
         n = positions.shape[1]
-        lost = loss_probabilities(scenario, positions)
+        lost = loss_probabilities(scenario, positions, step)
         operations = n + len(scenario.hazard.radar_positions) + 64
         return cls(
             n,
@@ -145,16 +147,14 @@ class PlanDistribution:
         return masses, arrival, survival
 
 
-def loss_probabilities(scenario: Scenario, positions: FloatArray) -> FloatArray:
+def loss_probabilities(scenario: Scenario, positions: FloatArray, step: int = 0) -> FloatArray:
     """Probabilities (..., N, 2^n, n) of losing a member of a set in a step, 0 outside the set.
 
-    `positions` are (..., N+1, n, 2).
+    `positions` are (..., N+1, n, 2), from `step` on.
     """
-    after, hazard = positions[..., 1:, :, :], scenario.hazard
-    n = after.shape[-2]
-    members, points = subsets(n).members, after.reshape(-1, n, 2)
-    lost = -np.expm1(-scenario.time.dt * hazard.set_rates(points, members))
-    return np.asarray(lost.reshape(*after.shape[:-2], len(members), n))
+    after, members = positions[..., 1:, :, :], subsets(positions.shape[-2]).members
+    rates = scenario.hazard.set_rates_along(after, members, step)
+    return np.asarray(-np.expm1(-scenario.time.dt * rates))
 
 
 def prescribed_costs(
@@ -216,7 +216,7 @@ def likely_sets(scenario: Scenario, positions: FloatArray, max_sets: int = MAX_S
     for step in range(steps):
         if not masks.size:
             break
-        masks, masses, rest = _after_step(scenario, positions[step + 1], masks, masses)
+        masks, masses, rest = _after_step(scenario, step, positions[step + 1], masks, masses)
         terms += len(masks)
         arriving = (masks & _mask(inside[step])) != 0
         arrived += masses[arriving].sum()
@@ -251,7 +251,7 @@ class _Core:
         """The members of least risk alone; None if more members can increase rates."""
         if scenario.hazard_table.kind != "saturation":
             return None
-        risks = scenario.hazard.single_agent_rates(positions[1:]).sum(axis=0)
+        risks = scenario.hazard.rates_along(positions[1:]).sum(axis=0)
         members = np.sort(np.argsort(risks, kind="stable")[:CORE])
         distribution = PlanDistribution.from_positions(scenario, positions[:, members])
         return cls(members, distribution.failures[1:])
@@ -263,12 +263,12 @@ class _Core:
 
 
 def _after_step(
-    scenario: Scenario, positions: FloatArray, masks: IntArray, masses: FloatArray
+    scenario: Scenario, step: int, positions: FloatArray, masks: IntArray, masses: FloatArray
 ) -> tuple[IntArray, FloatArray, float]:
     """Masks and probabilities of the sets after a step at positions (n, 2); what is left out."""
-    n = len(positions)
-    alive = (masks[:, None] >> np.arange(n) & 1).astype(bool)
-    lost = -np.expm1(-scenario.time.dt * scenario.hazard.set_rates(positions[None], alive)[0])
+    alive = (masks[:, None] >> np.arange(len(positions)) & 1).astype(bool)
+    rates = scenario.hazard.set_rates_along(positions[None], alive, step)[0]
+    lost = -np.expm1(-scenario.time.dt * rates)
     parts = [
         _outcomes(masks[some], masses[some], lost[some])
         for some in (slice(k, k + _TOGETHER) for k in range(0, len(masks), _TOGETHER))

@@ -199,6 +199,8 @@ class PlanTree:
         task = JointTask.from_scenario(self.scenario, initial_velocities, self.min_distance)
         task = replace(task, start=start, steps=steps - step)
         form = JointForm(len(members), horizon, True, self.objective, self.min_distance > 0)
+        if self.scenario.hazard.changes:
+            form = replace(form, first=step)
         problem = JointProblem(self.scenario, task, form)
         remaining = branch.remaining(step, members)
         arrivals = first_arrivals(self.scenario, problem.positions(remaining))
@@ -217,7 +219,7 @@ class PlanTree:
             outcome.velocities,
             initial_velocities,
             branch.entering(step, members),
-            PlanDistribution.from_positions(self.scenario, positions),
+            PlanDistribution.from_positions(self.scenario, positions, step),
         )
         self._add(replanned)
         return replanned

@@ -21,7 +21,6 @@ from ..errors import PlanningError, ScenarioError, SolverError
 from ..guide.frame import Frame
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
-from ..hazard import require_at_rest
 from ..motion.kinematics import integrate, interpolated
 from ..problems.joint import OBJECTIVES, JointForm, JointTask
 from ..scenario.scenario_files import require_scenario
@@ -389,7 +388,6 @@ def plan_swarm(
         A value that is given plainly and in a record, or is none of these.
     """
     require_scenario("plan_swarm", scenario)
-    require_at_rest(scenario.hazard, "a joint plan (plan_swarm)")
     _require_few(scenario)
     values = given_values("plan_swarm", execution, plain=plain, time_limit=None, progress=None)
     time_limit, progress = values

@@ -44,7 +44,7 @@ def stage_solver(name: str, hazard: Hazard, form: JointForm, iterations: int) ->
     """
     near: dict[str, Any] = {"constraint_tolerance": 1e-8, "max_iter": iterations}
     exact: dict[str, Any] = {"tolerance": 1e-7, "bound_push": 1e-4, "mu_init": 1e-3}
-    if form.exact and name == "auto" and isinstance(hazard, KernelHazard):
+    if form.exact and name == "auto" and isinstance(hazard.after(0), KernelHazard):
         if form.n <= MAX_NEWTON:
             return FilterInteriorPoint(
                 constr_mult_init_max=0.0, restoration=False, scaling=False, **near, **exact
@@ -165,7 +165,9 @@ class JointProblem:
         scale = 1.0 if self.form.objective == "success" else self.form.n
         if self.form.n <= MAX_EXACT:
             positions = self.positions(velocities)
-            distribution = PlanDistribution.from_positions(self.scenario, positions)
+            distribution = PlanDistribution.from_positions(
+                self.scenario, positions, self.form.first
+            )
             return scale * (1.0 - distribution.cost(self.form.objective))
         instance = joint_instances(self.nlp, self.form, self.task, [arrivals], [velocities])
         odds = float(self.nlp.evaluate(instance.x0[0], instance.p[0])[0])

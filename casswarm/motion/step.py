@@ -103,11 +103,13 @@ class Step:
     previous_velocities: FloatArray  # (B, n, 2), V(t-1)
     alive: BoolArray  # (B, n), held fixed over the steps
     goals: FloatArray  # (H, 2) or (H, B, 2), X*(t+1), ..., X*(t+H), for all states or for each
+    later: tuple[Hazard, ...] = ()  # of the steps after the first, where they have others
 
     def __getitem__(self, rows: IntArray) -> Step:
         goals = self.goals if self.goals.ndim == 2 else self.goals[:, rows]
         positions, velocities = self.positions[rows], self.previous_velocities[rows]
-        return Step(self.hazard, self.motion, positions, velocities, self.alive[rows], goals)
+        alive = self.alive[rows]
+        return Step(self.hazard, self.motion, positions, velocities, alive, goals, self.later)
 
     @property
     def horizon(self) -> int:

@@ -33,7 +33,7 @@ from ..formation.projected_gradient import SpectralProjectedGradient
 from ..formation.task import FOLLOWER_WEIGHT, LEADER_SELECTION, Formation, FormationTask, or_none
 from ..grid import ValueFunction
 from ..guide.guide import Guide
-from ..hazard import Hazard, require_at_rest
+from ..hazard import Hazard
 from ..motion.step import Motion, Step
 from ..nlp.program import Instances, Nlp
 from ..nlp.solution import BatchSolution
@@ -98,10 +98,9 @@ class FormationPolicy(Policy):
     ) -> Step:
         horizon = max(1, min(self.horizon, self.guide.arrival - step))
         goals = np.array([self.guide.reference(step + s) for s in range(1, horizon + 1)])
-        hazard = self.hazard.after(step + 1)
-        if horizon > 1:
-            require_at_rest(self.hazard, "a formation over several steps (horizon)")
-        data = Step(hazard, self.motion, positions, previous_velocities, alive, goals)
+        hazard, *later = (self.hazard.after(step + s) for s in range(1, horizon + 1))
+        after = tuple(later) if self.hazard.changes else ()
+        data = Step(hazard, self.motion, positions, previous_velocities, alive, goals, after)
         if self.max_wait == 0:
             return data
         led = positions[np.arange(len(alive)), self._led(data, self.guide.reference(step))]

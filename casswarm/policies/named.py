@@ -111,7 +111,7 @@ def make_policy(
     backend = papers_solver(scenario, solver, scenario.formation, solver_options, start="zero")
     if guide is not None:
         require_guide_of(scenario, guide)
-    if horizon > 1 or kind.startswith(("joint", "optimal")):  # before a guide is planned
+    if kind == "optimal":  # before a guide is planned
         require_at_rest(scenario.hazard, f"the policy {name!r}")
     motion, rho = Motion.from_scenario(scenario), scenario.formation.rho
     if kind in ("leader-feedback", "constrained-feedback"):

@@ -1,12 +1,14 @@
 """Observation of a state by a learned policy: an array of fixed shape, for batches of states.
 
-Each member has a row of d = 6 + 2 k + 5 (n - 1) numbers, with k radars:
+Each member has a row of d = 6 + 2 k + 5 (n - 1) numbers, with k radars at rest:
 
 - ``alive``: 1;
 - ``time_left``: (N - t) / N, the fraction of the steps that are left;
 - ``position``: X_i - c over the length L, with c the centre of the target;
 - ``velocity``: V_i(t-1) / v_max;
-- ``radars``: for every radar l its position from the member, (x_l - X_i) / L;
+- ``radars``: for every radar l its position from the member, (x_l - X_i) / L. Where radars move or
+  switch, three numbers at time t dt, with its strength relative to the largest one; then those of
+  the next `preview` steps;
 - ``others``: for every other member j, in the order of their indices, five numbers: 1,
   (X_j - X_i) / L, V_j(t-1) / v_max; zeros if it was destroyed;
 - ``guide``, with a guide only: its reference of the next step, (X*(t+1) - X_i) / L. Then d has
@@ -29,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._util.text import shown
 from ..compiled.kernels import contiguous, kernel
 from ..errors import PolicyError
-from ..hazard import require_at_rest
+from ..hazard import Hazard, HazardInTime, KernelHazard, radar_table
 from ..typing import BoolArray, FloatArray, IntArray
 from .base import require_guide_of
 
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
 DTYPES = ("float32", "float64")
 """Types of the numbers of an observation."""
 
-_OWN, _RADAR, _OTHER = 6, 2, 5  # numbers for a member itself, a radar, and another member
+_OWN, _OTHER = 6, 5  # numbers for a member itself, and another member
 _GUIDE = 2
 _ROUNDING = 1e-6  # of bounds, relative: observations may be in single precision
 _ZERO, _ONE = np.uint64(0), np.uint64(1)
@@ -66,7 +68,9 @@ class Observation:
         Of the target.
     length, v_max : float
         Units of positions and velocities.
-    radars, starts : (k, 2), (n, 2)
+    radars : (N + 1, k, 3) or (1, k, 2)
+        Position and relative strength at every step; positions alone of radars at rest.
+    starts : (n, 2)
     reach : float
         Largest change of a coordinate by the end.
     dtype : str
@@ -88,7 +92,12 @@ class Observation:
 
     @classmethod
     def from_scenario(
-        cls, scenario: Scenario, dtype: Any = "float32", *, guide: Guide | None = None
+        cls,
+        scenario: Scenario,
+        dtype: Any = "float32",
+        *,
+        guide: Guide | None = None,
+        preview: int = 0,
     ) -> Observation:
         """Observation of the states of a scenario.
 
@@ -99,11 +108,14 @@ class Observation:
             float32 or float64.
         guide : Guide, optional
             Whose reference of the next step is observed, too.
+        preview : int
+            Number of next steps whose radars are observed, too, where radars move or switch.
 
         Raises
         ------
         PolicyError
-            A dtype that is neither float32 nor float64, or a guide of another target or step.
+            A dtype that is neither float32 nor float64, a guide of another target or step, or a
+            preview that is no whole number from 0.
         """
         try:
             name = np.dtype(dtype).name
@@ -113,7 +125,13 @@ class Observation:
             raise PolicyError(
                 f"dtype = {shown(dtype)}; allowed: {' or '.join(DTYPES)}", dtype=dtype
             )
-        require_at_rest(scenario.hazard, "the observation of environments and models")
+        if not isinstance(preview, int | np.integer) or not 0 <= preview <= scenario.n_steps:
+            raise PolicyError(
+                f"preview = {shown(preview)}; allowed: whole numbers of steps from 0 to "
+                f"{scenario.n_steps}",
+                key="preview",
+                value=preview,
+            )
         distances = scenario.target.distances(scenario.positions)
         references = []
         if guide is not None:
@@ -125,7 +143,7 @@ class Observation:
             center=scenario.target.center,
             length=float(max(distances.max(), scenario.target.radius)),
             v_max=scenario.swarm.v_max,
-            radars=scenario.hazard.radar_positions.reshape(-1, 2).astype(float),
+            radars=_observed_radars(scenario.hazard, scenario.n_steps, int(preview)),
             starts=scenario.positions,
             reach=scenario.n_steps * scenario.time.dt * scenario.swarm.v_max,
             dtype=name,
@@ -136,12 +154,12 @@ class Observation:
     def size(self) -> int:
         """Numbers d of a member's row."""
         guide = _GUIDE if len(self.references) else 0
-        return _OWN + _RADAR * len(self.radars) + _OTHER * (self.n - 1) + guide
+        return _OWN + self.radars[0].size + _OTHER * (self.n - 1) + guide
 
     @property
     def slices(self) -> dict[str, slice]:
         """Slices of the parts of a row, by name."""
-        radars = _OWN + _RADAR * len(self.radars)
+        radars = _OWN + self.radars[0].size
         others = radars + _OTHER * (self.n - 1)
         parts = {
             "alive": slice(0, 1),
@@ -239,10 +257,9 @@ class Observation:
     @cached_property
     def _frame(self) -> _Frame:
         """Radars and references relative to the target, in lengths, and units."""
-        radars, references = (
-            contiguous((points - self.center) / self.length)
-            for points in (self.radars, self.references)
-        )
+        references = contiguous((self.references - self.center) / self.length)
+        radars = self.radars.copy()
+        radars[..., :2] = (radars[..., :2] - self.center) / self.length
         return _Frame(*self.center, self.length, self.v_max, self.n_steps, radars, references)
 
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -252,7 +269,12 @@ class Observation:
         others = np.zeros((n, n - 1, _OTHER))
         others[..., 0] = 0.5
         others[..., 1:3] = between[~np.eye(n, dtype=bool)].reshape(n, n - 1, 2) / self.length
-        radars = (self.radars[None] - self.starts[:, None]) / self.length
+        lowest, highest = self.radars.min(axis=0), self.radars.max(axis=0)
+        lowest[:, 2:], highest[:, 2:] = 0.0, 1.0  # of relative strengths
+        radars = np.tile((lowest + highest) / 2, (n, 1, 1))
+        radars[..., :2] = (radars[..., :2] - self.starts[:, None]) / self.length
+        of_radars = (highest - lowest) / 2
+        of_radars[:, :2] = self.reach / self.length + of_radars[:, :2] / self.length
         references = self.references if len(self.references) else np.zeros((1, 2))
         ends = np.stack([references.min(axis=0), references.max(axis=0)])
         guide = (ends.mean(axis=0) - self.starts) / self.length
@@ -265,7 +287,7 @@ class Observation:
         reach = self.reach / self.length
         other = [0.5, 2 * reach, 2 * reach, 1.0, 1.0]
         from_guide = reach + (ends[1] - ends[0]) / (2 * self.length)
-        numbers = [0.5, 0.5, reach, reach, 1.0, 1.0, *[reach] * radars[0].size, *other * (n - 1)]
+        numbers = [0.5, 0.5, reach, reach, 1.0, 1.0, *of_radars.ravel(), *other * (n - 1)]
         spread = np.array([*numbers, *from_guide])[: self.size]
         spread = spread + _ROUNDING * (np.abs(middle) + spread)
         return (
@@ -274,8 +296,19 @@ class Observation:
         )
 
 
+def _observed_radars(hazard: Hazard, n_steps: int, preview: int) -> FloatArray:
+    """Radars (N + 1, (1 + preview) k, 3) of all steps; (1, k, 2) if they do not move or switch."""
+    if not (isinstance(hazard, HazardInTime) and isinstance(hazard.hazard, KernelHazard)):
+        return hazard.at(0.0).radar_positions.reshape(1, -1, 2).astype(float)
+    snapshots = [hazard.after(step) for step in range(n_steps + 1 + preview)]
+    radars = radar_table(*snapshots)[..., 0]  # type: ignore[arg-type]
+    radars[..., 2] /= radars[..., 2].max(initial=np.finfo(float).tiny)
+    coming = [radars[first : first + n_steps + 1] for first in range(preview + 1)]
+    return np.concatenate(coming, axis=1)
+
+
 class _Frame(NamedTuple):
-    """Centre, units and steps, and radars (k, 2) and references from the centre, in lengths."""
+    """Centre, units and steps, and radars (T, k, w) and references from the centre, in lengths."""
 
     east: float
     north: float
@@ -319,13 +352,15 @@ def _write_observations(
 ) -> None:
     """Write observations (B n d,) of B states; `members` (n, 4) is overwritten."""
     batch, n = alive.shape
-    radars, references = frame.radars, frame.references
+    by_step, references = frame.radars, frame.references
+    numbers, moments = by_step.shape[2], by_step.shape[0] - 1
     last = references.shape[0] - 1  # -1 without a guide
-    size = 6 + 2 * radars.shape[0] + 5 * (n - 1) + (2 if last >= 0 else 0)
+    size = 6 + by_step[0].size + 5 * (n - 1) + (2 if last >= 0 else 0)
     of_length, of_speed = 1.0 / frame.length, 1.0 / frame.speed
     at = _ZERO
     for b in range(batch):
         left = (frame.n_steps - steps[b]) / frame.n_steps
+        radars = by_step[min(max(steps[b], 0), moments)]
         for i in range(n):
             members[i, 0] = (positions[b, i, 0] - frame.east) * of_length
             members[i, 1] = (positions[b, i, 1] - frame.north) * of_length
@@ -341,6 +376,9 @@ def _write_observations(
             at = _append(observations, at, members[i, 2], members[i, 3])
             for r in range(radars.shape[0]):
                 at = _append(observations, at, radars[r, 0] - east, radars[r, 1] - north)
+                if numbers == 3:
+                    observations[at] = radars[r, 2]
+                    at += _ONE
             for j in range(n):
                 if j == i:
                     continue

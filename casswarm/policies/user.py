@@ -131,6 +131,7 @@ def as_policy(
     parameters: Any = None,
     dtype: Any = None,
     observed_guide: Guide | None = None,
+    radar_preview: int = 0,
 ) -> Policy:
     """Policy from a `Policy`, an object with a method `velocities`, a function, or a learned model.
 
@@ -158,6 +159,8 @@ def as_policy(
     observed_guide : Guide, optional
         Whose reference a model observes, if it was trained with ``observe_guide=True``; the guide
         of `simulate` or `evaluate` itself is not observed.
+    radar_preview : int
+        That with which a model was trained: see `casswarm.envs`.
 
     Raises
     ------
@@ -177,7 +180,7 @@ def as_policy(
         if not time_limit > 0:
             raise ValueError(f"time_limit = {shown(time_limit)}; allowed: seconds above 0")
         options = {"parameters": parameters, "dtype": dtype, "observed_guide": observed_guide}
-        unlimited = as_policy(policy, scenario, name=name, **options)
+        unlimited = as_policy(policy, scenario, name=name, radar_preview=radar_preview, **options)
         return _LimitedPolicy(unlimited, unlimited.name, float(time_limit))
     if observed_guide is not None and (
         scenario is None or isinstance(policy, Policy | ca.Function)
@@ -200,7 +203,8 @@ def as_policy(
             )
         return policy
     if scenario is not None:
-        return _model_policy(policy, scenario, name, parameters, dtype, observed_guide)
+        observed = {"guide": observed_guide, "preview": radar_preview}
+        return _model_policy(policy, scenario, name, parameters, dtype, observed)
     function = getattr(policy, "velocities", policy)
     if not callable(function):
         raise PolicyError(
@@ -246,9 +250,9 @@ def _model_policy(
     name: str | None,
     parameters: Any,
     dtype: Any,
-    guide: Guide | None,
+    observed: dict[str, Any],
 ) -> Policy:
-    """Policy of a model; see `as_policy`."""
+    """Policy of a model; see `as_policy`. `observed` are arguments of its observations."""
     require_scenario("as_policy", scenario)
     if isinstance(model, ca.Function):
         from .parametric import ParametricPolicy
@@ -279,7 +283,7 @@ def _model_policy(
             "or a casadi.Function",
             policy=repr(model),
         )
-    observation = Observation.from_scenario(scenario, dtype or "float32", guide=guide)
+    observation = Observation.from_scenario(scenario, dtype or "float32", **observed)
     return UserPolicy(_ObservedModel(called, observation), name or _name_of(model))
 
 
