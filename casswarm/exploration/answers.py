@@ -41,24 +41,29 @@ SIZE = 96  # pixels along each side
 _MARGIN = 0.15  # of the frame, relative to the larger side of what it holds
 _BEYOND = 1.5  # ratio of the sides of the map and its frame, which a page may keep when it changes
 _CAP = 0.995  # quantile of the rates at which the scale ends: near radars they are far higher
+_MAPS = 41  # of steps, at most
 _DECADES = 1e3  # ratio of the ends of the scale
 
 
 @dataclass(frozen=True, eq=False)
 class HazardMap:
-    """Rates of a single agent at the pixels of a square map, on a logarithmic scale."""
+    """Rates of a single agent at the pixels of a square map, on a logarithmic scale.
+
+    There are T maps of the same square: one, or of steps from the first to the last if rates depend
+    on time.
+    """
 
     low: FloatArray  # corners (2,) of the map
     high: FloatArray
     frame: FloatArray  # corners (2, 2) of the square within it that holds all points
-    shades: NDArray[np.uint8]  # (SIZE, SIZE), row by row from the bottom; 255 for the highest rates
+    shades: NDArray[np.uint8]  # (T, SIZE, SIZE), rows from the bottom; 255 for the highest rates
 
     @classmethod
     def around(cls, scenario: Scenario, guide: Guide) -> HazardMap:
         """Map that holds the members, the target, the radars and the guide."""
         center, radius = np.asarray(scenario.target.center), scenario.target.radius
         zone = center + radius * np.array([[-1, -1], [1, 1]])
-        radars = scenario.hazard.radar_positions
+        radars = np.reshape(scenario.hazard_table.starts, (-1, 2))
         points = np.vstack([scenario.positions, zone, radars, guide.positions])
         low, high = points.min(axis=0), points.max(axis=0)
         half = (0.5 + _MARGIN) * float((high - low).max())
@@ -67,7 +72,11 @@ class HazardMap:
         low, high = middle - _BEYOND * half, middle + _BEYOND * half
         axis = (np.arange(SIZE) + 0.5) / SIZE * 2 * _BEYOND * half
         pixels = np.stack(np.meshgrid(low[0] + axis, low[1] + axis), axis=-1)
-        return cls(low, high, frame, _shades(scenario.hazard.single_agent_rates(pixels)))
+        last = scenario.n_steps if scenario.hazard.changes else 0
+        steps = np.linspace(0, last, min(last + 1, _MAPS)).round().astype(int)
+        hazards = [scenario.hazard.after(int(step)) for step in steps]
+        rates = np.stack([hazard.single_agent_rates(pixels) for hazard in hazards])
+        return cls(low, high, frame, _shades(rates))
 
 
 def _shades(rates: FloatArray) -> NDArray[np.uint8]:

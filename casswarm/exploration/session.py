@@ -12,7 +12,6 @@ from typing import Any
 
 from ..errors import CasswarmError, PlanningError, ScenarioError
 from ..guide.guide import Guide
-from ..hazard import require_at_rest
 from ..policies.named import require_policy_name
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario, save_scenario
@@ -85,12 +84,26 @@ class History:
         return exists
 
 
-POINTS = {
-    "member": "swarm.positions",
-    "radar": "hazard.radars",
-    "target": "target.center",
-}
-"""What can be moved, and the key of its position or positions."""
+POINTS = ("member", "radar", "target")
+"""What can be moved."""
+
+
+def _moved(
+    scenario: Scenario, point: str, index: int, position: tuple[float, float]
+) -> dict[str, object]:
+    """Values of a scenario, by key, in which a point of `POINTS` has moved; a radar at time 0."""
+    if point == "target":
+        return {"target.center": position}
+    table = scenario.hazard_table
+    rest = len(table.radars)
+    if point == "radar" and index >= rest:
+        radars = [radar.model_dump(exclude_none=True) for radar in table.radar]
+        radars[index - rest] = table.radar[index - rest].moved_to(position)
+        return {"hazard.radar": radars}
+    key = "swarm.positions" if point == "member" else "hazard.radars"
+    positions = list(scenario.swarm.positions if point == "member" else table.radars)
+    positions[index] = position
+    return {key: positions}
 
 
 class Session:
@@ -107,7 +120,6 @@ class Session:
     ) -> None:
         require_scenario("explore", scenario)
         require_policy_name(policy)
-        require_at_rest(scenario.hazard, "the page for exploring (explore)")
         self.history = History(Moment(scenario, policy))
         self._file, self._version = file, 0
         self._listeners: list[Callable[[], None]] = []
@@ -141,16 +153,15 @@ class Session:
     def move(
         self, point: str, index: int, position: tuple[float, float], gesture: object = None
     ) -> bool:
-        """Move a point of `POINTS`, one of several by its index; return whether it is possible."""
+        """Move a point of `POINTS`, one of several by its index; return whether it is possible.
+
+        Radars in tables follow those of ``hazard.radars``; `position` is that at time 0, and paths
+        move with it.
+        """
 
         def moved() -> tuple[Scenario, str]:
-            scenario = self.scenario
-            if point == "target":
-                return scenario.with_values({POINTS[point]: position}), self.policy
-            held = {"member": scenario.swarm.positions, "radar": scenario.hazard_table.radars}
-            positions = list(held[point])
-            positions[index] = position
-            return scenario.with_values({POINTS[point]: positions}), self.policy
+            values = _moved(self.scenario, point, index, position)
+            return self.scenario.with_values(values), self.policy
 
         return self._try(moved, gesture)
 

@@ -24,6 +24,7 @@ from .session import POINTS, Session
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
+    from ..scenario.radars import Radar
 
 
 FACTOR = 4.0
@@ -205,25 +206,36 @@ def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
 
 def _scene(session: Session) -> Message:
     scenario = session.scenario
-    strengths = scenario.hazard_table.strengths or [1.0] * len(scenario.hazard_table.radars)
+    table = scenario.hazard_table
+    strengths = table.strengths or [1.0] * len(table.radars)
     listed = parameters(session.history.first.scenario)
     return {
         "revision": session.revision,
         "name": scenario.name,
         "members": scenario.swarm.positions,
-        "radars": scenario.hazard_table.radars,
-        "strengths": strengths,
+        "radars": table.starts,
+        "strengths": [*strengths, *(radar.strength for radar in table.radar)],
+        "tracks": [None] * len(table.radars) + [_track(scenario, each) for each in table.radar],
         "target": {"center": scenario.target.center, "radius": scenario.target.radius},
         "parameters": [asdict(item) | {"value": value(scenario, item.key)} for item in listed],
         "choices": [
             {"key": key, "values": values, "value": value(scenario, key)}
             for key, values in CHOICES.items()
         ],
+        "steps": scenario.n_steps,
         "policy": session.policy,
         "policies": POLICIES,
         "can_undo": session.history.can_undo,
         "can_redo": session.history.can_redo,
     }
+
+
+def _track(scenario: Scenario, radar: Radar) -> list[tuple[float, ...]] | None:
+    """Position and strength of a radar at every step; None if it does not move or switch."""
+    if not radar.changes:
+        return None
+    times = [step * scenario.time.dt for step in range(scenario.n_steps + 1)]
+    return [(*radar.track.position_at(time), radar.track.strength_at(time)) for time in times]
 
 
 def _guide(guide: Guide, current: bool) -> Message:
@@ -237,8 +249,8 @@ def _guide(guide: Guide, current: bool) -> Message:
 
 
 def _map(hazard_map: HazardMap) -> Message:
-    shades = base64.b64encode(hazard_map.shades.tobytes()).decode()
-    size = len(hazard_map.shades)
+    shades = [base64.b64encode(each.tobytes()).decode() for each in hazard_map.shades]
+    size = hazard_map.shades.shape[1]
     return {
         "low": hazard_map.low.tolist(),
         "high": hazard_map.high.tolist(),

@@ -82,6 +82,15 @@ class Radar(Table):
             position, self.strength, self.velocity or still, self.path or (), self.active
         )
 
+    def moved_to(self, position: tuple[float, float]) -> dict[str, object]:
+        """Keys and values of the radar with another position at time 0; its path moves with it."""
+        values = self.model_dump(exclude_none=True)
+        if self.path is None:
+            return values | {"position": position}
+        path = np.array(self.path)
+        path[:, 1:] += np.subtract(position, self.start)
+        return values | {"path": path}
+
     def mapped(self, points: Callable[[Any], Any]) -> dict[str, object]:
         """Keys and values with a linear map (..., 2) to (..., 2) of points and vectors applied."""
         values = self.model_dump(exclude_none=True)

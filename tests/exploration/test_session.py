@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from small_scenarios import three_members
 
@@ -40,6 +41,17 @@ def worker(monkeypatch):
 @pytest.fixture
 def session(worker):  # noqa: ARG001  (replaces the process)
     return Session(three_members())
+
+
+def test_radar_in_time_moves_with_its_path(worker):  # noqa: ARG001
+    patrol = csw.load_scenario("patrol")
+    session, track = Session(patrol), patrol.hazard_table.radar[0]
+    assert session.move("radar", 0, (track.start[0] + 0.5, track.start[1] - 0.25))
+    (moved, *rest) = session.scenario.hazard_table.radar
+    assert tuple(rest) == patrol.hazard_table.radar[1:]
+    for time in (0.0, 0.7, 2.0):
+        shift = np.subtract(moved.track.position_at(time), track.track.position_at(time))
+        np.testing.assert_allclose(shift, (0.5, -0.25), atol=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -322,11 +322,7 @@ def test_timing_decides_in_blink_and_patrol():
 
 
 REFUSED = {
-    "joint": csw.plan_swarm,
     "optimal value": csw.optimal_value,
-    "leader-mpc-3": lambda one: csw.make_policy("leader-mpc-3", one),
-    "joint-replanning": lambda one: csw.make_policy("joint-replanning", one),
-    "explore": csw.explore,
     "rate without a time": lambda one: one.hazard.rates(one.positions),
     "single-agent rate": lambda one: one.hazard.single_agent_rates(one.positions),
     "rates of sets": lambda one: one.hazard.set_rates(one.positions[None], np.ones((1, 2), bool)),

@@ -34,7 +34,8 @@ def posed(name: str, n: int, objective: str, separated: bool, seed: int) -> tupl
         "time.t_f": 0.33 * STEPS + 0.1,
     }
     scenario = csw.load_scenario(name).with_values(near)
-    form = JointForm(n, STEPS, True, objective, separated)
+    first = 2 if scenario.hazard.changes else 0
+    form = JointForm(n, STEPS, True, objective, separated, first)
     nlp = joint_program(scenario.hazard, form)
     task = JointTask.from_scenario(scenario, rng.normal(size=(n, 2)), 0.1 * separated)
     arrivals = [rng.integers(3, STEPS + 1, n), np.full(n, STEPS - 1)]
@@ -54,7 +55,7 @@ def casadis(nlp: Nlp, batch: Instances) -> FunctionLinearisation:
     return FunctionLinearisation(Functions.calls(nlp), batch.x0.T.copy(), batch.p.T.copy())
 
 
-@pytest.mark.parametrize("name", ["paper-1", "paper-2"])
+@pytest.mark.parametrize("name", ["paper-1", "paper-2", "patrol"])
 @pytest.mark.parametrize(
     "objective",
     [
@@ -110,7 +111,7 @@ def test_factors_need_the_shifts_of_dense_matrices(n: int, seed: int) -> None:
         assert ((shifts == 0.0) == positive).all()
 
 
-@pytest.mark.parametrize("name", ["paper-1", "paper-2"])
+@pytest.mark.parametrize("name", ["paper-1", "paper-2", "patrol"])
 @pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
 @pytest.mark.parametrize("separated", [False, True])
 def test_hessian_matches_automatic_differentiation(

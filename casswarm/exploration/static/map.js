@@ -8,6 +8,7 @@ const COLORS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00"
 class MapView {
   constructor(outbox, gestures) {
     [this.outbox, this.gestures] = [outbox, gestures];
+    this.time = 0; // step of the run that is shown, for radars that move or switch
     this.frame = null; // corners {low, high} in units of length
     this.moved = new Map(); // positions of points that Python has not confirmed
     this.held = null; // the point that the pointer holds
@@ -15,12 +16,13 @@ class MapView {
     this.canvas = make("canvas", { class: "csw-hazard", "aria-hidden": "true" });
     this.guide = make("polyline", { class: "csw-guide" });
     this.run = make("g", { class: "csw-run" });
+    this.paths = make("g", { class: "csw-paths" });
     this.zone = make("circle", { class: "csw-zone" });
     this.points = make("g");
     this.svg = make(
       "svg",
       { role: "group", "aria-label": "Map: target, radars and members" },
-      this.zone, this.guide, this.run, this.points,
+      this.zone, this.paths, this.guide, this.run, this.points,
     );
     this.element = make("div", { class: "csw-map" }, this.canvas, this.svg);
     this.marks = new Map();
@@ -60,17 +62,36 @@ class MapView {
     this.draw();
   }
 
+  /** Position of a point at the time that is shown. */
   position(name, scene) {
     const [kind, index] = name.split(" ");
-    return this.moved.get(name) || (kind === "target" ? scene.target.center : scene[`${kind}s`][index]);
+    const start = this.moved.get(name) || (kind === "target" ? scene.target.center : scene[`${kind}s`][index]);
+    const shift = this.shift(name, scene);
+    return start.map((value, k) => value + shift[k]);
+  }
+
+  track(name, scene) {
+    const [kind, index] = name.split(" ");
+    return kind === "radar" ? scene.tracks[index] : null;
+  }
+
+  /** How far a radar has moved by the time that is shown. */
+  shift(name, scene) {
+    const track = this.track(name, scene);
+    if (!track) return [0, 0];
+    const step = Math.min(Math.floor(this.time), track.length - 1);
+    const next = Math.min(step + 1, track.length - 1);
+    return [0, 1].map((k) => track[step][k] + (this.time - step) * (track[next][k] - track[step][k]) - track[0][k]);
   }
 
   draw() {
     if (!this.state || !this.state.scene) return;
     const { scene, guide, map } = this.state;
     this.svg.setAttribute("viewBox", `0 0 ${this.size} ${this.size}`);
-    const painted = [map, this.frame, this.size];
-    if (map && painted.some((value, k) => value !== this.painted[k])) this.drawHazard(map);
+    const shown = map && Math.round(Math.min(this.time / scene.steps, 1) * (map.shades.length - 1));
+    const shades = map && map.shades[shown];
+    const painted = [map, this.frame, this.size, shades];
+    if (map && painted.some((value, k) => value !== this.painted[k])) this.drawHazard(map, shades);
     this.painted = painted;
     const scale = this.size / (this.frame.high[0] - this.frame.low[0]);
     const [x, y] = this.toPixels(this.position("target 0", scene));
@@ -86,7 +107,19 @@ class MapView {
       this.marks.get(name).remove();
       this.marks.delete(name);
     }
+    this.paths.replaceChildren();
     for (const name of names) this.drawPoint(name, scene);
+  }
+
+  /** Draw the path of a radar, and the radar fainter where it is not active. */
+  drawTrack(name, scene, mark) {
+    const track = this.track(name, scene);
+    const step = track ? Math.min(Math.ceil(this.time), track.length - 1) : 0;
+    mark.classList.toggle("csw-off", Boolean(track) && track[step][2] === 0);
+    if (!track) return;
+    const [x, y] = this.position(name, scene).map((value, k) => value - this.shift(name, scene)[k]);
+    const points = track.map((at) => this.toPixels([at[0] - track[0][0] + x, at[1] - track[0][1] + y]).join());
+    this.paths.append(make("polyline", { points: points.join(" ") }));
   }
 
   drawPoint(name, scene) {
@@ -98,6 +131,7 @@ class MapView {
     const position = this.position(name, scene);
     const [x, y] = this.toPixels(position);
     mark.setAttribute("transform", `translate(${x} ${y})`);
+    this.drawTrack(name, scene, mark);
     const label = `${title(name)} at ${position.map((value) => short(value)).join(", ")}`;
     mark.setAttribute("aria-label", `${label}; arrow keys move it`);
     mark.querySelector("title").textContent = label;
@@ -166,15 +200,16 @@ class MapView {
 
   move(name, wanted, gesture) {
     const [point, index] = name.split(" ");
-    const position = this.inside(wanted);
+    const shift = this.shift(name, this.state.scene);
+    const position = this.inside(wanted).map((value, k) => value - shift[k]); // at time 0
     this.moved.set(name, position);
     this.outbox.sendSoon({ type: "move", point, index: Number(index), position, gesture });
     this.draw();
   }
 
   /** Paint the rates as shades, where the frame shows them. */
-  drawHazard(map) {
-    const bytes = Uint8Array.from(atob(map.shades), (letter) => letter.charCodeAt(0));
+  drawHazard(map, shades) {
+    const bytes = Uint8Array.from(atob(shades), (letter) => letter.charCodeAt(0));
     const image = new ImageData(map.size, map.size);
     bytes.forEach((shade, k) => {
       const row = map.size - 1 - Math.floor(k / map.size); // shades begin at the bottom
@@ -191,6 +226,10 @@ class MapView {
   /** Draw the members of a run at a time between its first step and its last. */
   drawRun(run, time) {
     this.run.replaceChildren();
+    const moved = this.time !== time;
+    this.time = time;
+    const { map } = this.state || {};
+    if (moved && map && map.shades.length > 1) this.draw(); // rates depend on time
     if (!run || !this.frame) return;
     const step = Math.min(Math.floor(time), run.positions.length - 1);
     const next = Math.min(step + 1, run.positions.length - 1);
