@@ -31,7 +31,7 @@ class Player {
   }
 
   show(time) {
-    const last = this.run ? this.run.positions.length - 1 : 0;
+    const last = this.run ? this.run.positions.length - 1 : Math.ceil(time); // until there are runs
     this.time = Math.min(time, last);
     [this.range.max, this.range.value] = [last, this.time];
     this.button.disabled = !this.run;
