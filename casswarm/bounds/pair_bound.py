@@ -11,7 +11,6 @@ import numpy as np
 
 from ..errors import PlanningError
 from ..grid.nodes import NodeBlock, Relaxation, multilinear
-from ..hazard import require_at_rest
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
@@ -197,20 +196,17 @@ def first_program(
 
 
 def require_pair(scenario: Scenario) -> None:
-    """Raise PlanningError unless a scenario has two members and rates with bounds for pairs.
-
-    HazardError, if rates depend on time.
-    """
-    require_at_rest(scenario.hazard, "the optimal value of two members")
+    """Raise PlanningError unless a scenario has two members and rates with bounds for pairs."""
     if scenario.n != 2:
         reason = (
             f"the optimal value is computed for two members; {scenario.name!r} has {scenario.n}"
         )
         raise PlanningError(reason, members=scenario.n)
     if scenario.hazard.pair_bounds((1, 1), 1.0) is None:
+        kind = type(scenario.hazard.after(1)).__name__
         raise PlanningError(
-            f"{type(scenario.hazard).__name__} does not provide `pair_bounds`, bounds of the rates "
-            "of two members; Saturation and SaturationCollision do"
+            f"{kind} does not provide `pair_bounds`, bounds of the rates of two members; "
+            "Saturation and SaturationCollision do"
         )
 
 

@@ -19,6 +19,7 @@ from scipy.optimize import minimize_scalar
 from .._util.numbers import SPEED_TOL
 from ..grid.dynamic_programming import StageCosts, backwards, costs_to_go, least_cost
 from ..grid.nodes import UNIT, Grid, NodeBlock, Relaxation, extremum_within_reach
+from ..hazard import Hazard
 from ..typing import BoolArray, FloatArray, IntArray
 from .pair_kernels import MemberNodes, PairNodes, discard, project, step_back, step_forward
 
@@ -177,15 +178,17 @@ def _extents(found: BoolArray) -> IntArray:
     return np.where(found.any(axis=1), last - first + 1, 0)
 
 
+StepRisks = tuple[FloatArray, FloatArray, FloatArray]
+"""Risk (n, m), slopes (2, n, m) and spread (n, m) of a step, as of `MemberNodes`."""
+
+
 @dataclass(frozen=True, eq=False)
 class PairLattice:
     """Functions on the nodes x_1(0) + h (i, j), for both members, and on their differences."""
 
     grid: Grid  # of a single agent, from either start
     region: NodeBlock  # all nodes that either member visits
-    risk: FloatArray  # (n, m), this and the next two as of `MemberNodes`
-    slopes: FloatArray
-    spread: FloatArray
+    risks: tuple[StepRisks, ...]  # of steps 1 to N
     alone: FloatArray  # (N+1, n, m), as of `MemberNodes` at steps 0 to N
     floor: FloatArray  # with the multiplier of arrival of a pair
     guarded: FloatArray  # of an agent that an immortal one out of reach of the target protects
@@ -194,8 +197,8 @@ class PairLattice:
     def member(self, step: int, nodes: NodeBlock) -> MemberNodes:
         """Functions on the nodes of one member after step `step`, from 1."""
         at = nodes.within(self.region)
-        risk = self.risk[at], self.slopes[:, *at], self.spread[at]
-        arrays = *risk, self.alone[step][at], self.floor[step][at]
+        risk, slopes, spread = self.risks[step - 1]
+        arrays = risk[at], slopes[:, *at], spread[at], self.alone[step][at], self.floor[step][at]
         return MemberNodes(*map(np.ascontiguousarray, arrays))
 
     def offset(self, first: NodeBlock, second: NodeBlock) -> tuple[int, int]:
@@ -224,19 +227,15 @@ def pair_lattice(
     multiplier, of_pair = (min(each, largest_arrival) for each in multipliers or (0.0, 0.0))
     single = StageCosts(grid, certified, multiplier, inside=not certified)
     both = single.with_multiplier(of_pair)
-    risk, exact = task.dt * _rates(grid, region, certified), 1.0
-    if certified:
-        exact -= _rounding(task, grid.spacing)
-        risk *= exact
+    exact = 1.0 - _rounding(task, grid.spacing) if certified else 1.0
     n, m = region.shape
     bounds = task.hazard.pair_bounds((n, m), grid.spacing, certified)
     assert bounds is not None
     share, collision = bounds.share, exact * task.dt * bounds.collision
     least, largest = (_windows(collision, combine) for combine in (np.minimum, np.maximum))
-    varying = [_around(largest - least), *_variation(share), *_variation(risk)]
-    if not certified:
-        varying = [0 * values for values in varying]
-    spans, pair_slopes, pair_spread, slopes, spread = varying
+    spans, pair_slopes, pair_spread = (
+        values * certified for values in (_around(largest - least), *_variation(share))
+    )
     lows = _around(least, np.minimum)
     pair = PairNodes(share, pair_slopes, pair_spread, collision, lows, spans)
     row, column = np.array(share.shape) // 2
@@ -244,13 +243,27 @@ def pair_lattice(
         float(share[min(row + margin, 2 * row), column]),
         float(share[row, min(column + margin, 2 * column)]),
     )
-    inner = (slice(1, -1), slice(1, -1))
     alone, floor, with_guard = (
         lone_values(costs, region, factor, exact)
         for costs, factor in ((single, 1.0), (both, 1.0), (both, guarded))
     )
-    of_member = risk[inner], slopes[:, *inner], spread[inner]
-    return PairLattice(grid, region, *of_member, alone, floor, with_guard, pair)
+    risks = _step_risks(grid, region, exact, certified)
+    return PairLattice(grid, region, risks, alone, floor, with_guard, pair)
+
+
+def _step_risks(
+    grid: Grid, region: NodeBlock, exact: float, certified: bool
+) -> tuple[StepRisks, ...]:
+    """Risks of steps 1 to N; steps with the same rates have the same arrays."""
+    inner, found = (slice(1, -1), slice(1, -1)), dict[Hazard, StepRisks]()
+    hazards = [grid.task.hazard.after(step + 1) for step in range(grid.task.steps)]
+    for step, hazard in enumerate(hazards, 1):
+        if hazard not in found:
+            task = grid.task.after(step)
+            risk = task.dt * _rates(task, grid, region, certified) * exact
+            slopes, spread = (values * certified for values in _variation(risk))
+            found[hazard] = risk[inner], slopes[:, *inner], spread[inner]
+    return tuple(found[hazard] for hazard in hazards)
 
 
 def lone_values(costs: StageCosts, region: NodeBlock, share: float, exact: float) -> FloatArray:
@@ -308,9 +321,9 @@ def _rounding(task: Relaxation, spacing: float) -> float:
     return float(UNIT * (operations + 64 * far / spacing))
 
 
-def _rates(grid: Grid, region: NodeBlock, certified: bool) -> FloatArray:
+def _rates(task: Relaxation, grid: Grid, region: NodeBlock, certified: bool) -> FloatArray:
     """Rates of a single agent at the nodes of the region and at those around it."""
-    task, h = grid.task, grid.spacing
+    h = grid.spacing
     east, north = grid.axes(region.grown(1))
     nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
     if not certified:
@@ -337,13 +350,15 @@ def _around(cells: FloatArray, combine: np.ufunc = np.maximum) -> FloatArray:
 def _variation(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Largest change (2, n, m) between neighbours along each axis in the cells around a node.
 
-    And the largest logarithm (n, m) of the ratio of two corners of one of these cells.
+    And the largest logarithm (n, m) of the ratio of two corners of one of these cells, 0 where all
+    are 0.
     """
     slopes = [
         _windows(np.pad(np.abs(np.diff(values, axis=axis)), 1, mode="edge"), shape=shape)
         for axis, shape in enumerate([(2, 3), (3, 2)])
     ]
-    ratio = np.log(_windows(values) / _windows(values, np.minimum))
+    largest, least = _windows(values), _windows(values, np.minimum)
+    ratio = np.log(np.divide(largest, least, out=np.ones_like(least), where=largest > 0))
     return np.stack(slopes), _around(ratio) + 1e-12
 
 
@@ -378,7 +393,8 @@ class PairProgram:
     def size(self) -> int:
         """Number of values in memory: of the joint nodes, or of `lattice` if it has more."""
         n, m = self.region.shape
-        of_lattice = 3 * (self.task.steps + 1) * n * m + 8 * (2 * n - 1) * (2 * m - 1)
+        arrays = 3 + 4 * self.task.hazard.changes  # of a step
+        of_lattice = arrays * (self.task.steps + 1) * n * m + 8 * (2 * n - 1) * (2 * m - 1)
         return max(self.tube.nodes(self.spacing), of_lattice)
 
     @cached_property

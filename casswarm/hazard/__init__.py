@@ -4,7 +4,7 @@ from .array_rates import LocalRates, blocked, radar_table, set_rates, unblocked
 from .base import Hazard
 from .compiled_rates import compiled_rates, rate_module
 from .custom import CustomHazard
-from .in_time import HazardInTime, RadarTrack, require_at_rest
+from .in_time import HazardInTime, RadarTrack
 from .kernel_hazard import KernelHazard, regular
 from .rate_bounds import LeastRate
 from .saturation import Saturation, SaturationCollision
@@ -24,7 +24,6 @@ __all__ = [
     "radar_table",
     "rate_module",
     "regular",
-    "require_at_rest",
     "set_rates",
     "unblocked",
 ]

@@ -205,23 +205,10 @@ class HazardInTime(Hazard):
         key, subject = _reason(self)
         raise HazardError(
             f"{key}: {subject}, so {what} is not defined: give rates a time, or use at(time) or "
-            "after(step); parts that do not are listed in docs/limits.md",
+            "after(step)",
             key=key,
             part=what,
         )
-
-
-def require_at_rest(hazard: Hazard, part: str) -> None:
-    """Raise HazardError if rates depend on time, which a part of the package does not treat."""
-    if not hazard.changes:
-        return
-    key, subject = _reason(hazard)
-    raise HazardError(
-        f"{key}: {subject}, and {part} does not treat rates that depend on time (docs/limits.md "
-        "has the parts that do); make them constant",
-        key=key,
-        part=part,
-    )
 
 
 def _reason(hazard: Hazard) -> tuple[str, str]:

@@ -12,7 +12,6 @@ from ..formation.task import LEADER_SELECTION
 from ..grid import ValueFunction
 from ..guide.guide import Guide
 from ..guide.plan import guide_solver, initial_velocities, papers_solver, plan, plan_from
-from ..hazard import require_at_rest
 from ..joint import PlanTree, plan_swarm
 from ..motion.step import Motion
 from ..scenario.scenario_files import require_scenario
@@ -111,8 +110,6 @@ def make_policy(
     backend = papers_solver(scenario, solver, scenario.formation, solver_options, start="zero")
     if guide is not None:
         require_guide_of(scenario, guide)
-    if kind == "optimal":  # before a guide is planned
-        require_at_rest(scenario.hazard, f"the policy {name!r}")
     motion, rho = Motion.from_scenario(scenario), scenario.formation.rho
     if kind in ("leader-feedback", "constrained-feedback"):
         value = ValueFunction.from_scenario(scenario, certified=False)

@@ -39,23 +39,28 @@ def test_pair_bound_of_one_step_matches_best_positions(collides):
     assert best <= bound.value <= best + 0.002
 
 
-def test_pair_bound_of_two_steps_matches_brute_force():
+@pytest.mark.parametrize("active", [None, [[0.0, DT]], [[DT, 2 * DT]]])
+def test_pair_bound_of_two_steps_matches_brute_force(active):
     scenario = small([(0.0, 0.0), (0.0, 0.0)], (1.7, 0.0), [(1.0, 0.6)], 2, swarm__a_max=100.0)
+    if active:
+        radar = {"position": [1.0, 0.6], "active": active}
+        scenario = scenario.with_values({"hazard.radars": None, "hazard.radar": [radar]})
+    hazard, later = scenario.hazard.after(1), scenario.hazard.after(2)
     axes = np.linspace(0.56, 0.66, 3), np.linspace(-0.66, 0.66, 15)
     spots = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     ends = np.stack(np.meshgrid(np.linspace(1.2, 1.32, 3), np.linspace(-0.4, 0.4, 9)), axis=-1)
     ends = ends.reshape(-1, 2)
     ends = ends[np.hypot(*(ends - [1.7, 0.0]).T) <= 0.5]
     pairs = np.array(list(itertools.product(ends, ends)))
-    last = 1 - (1 - np.exp(-DT * scenario.hazard.rates(pairs))).prod(axis=1)
-    alone = np.exp(-DT * scenario.hazard.single_agent_rates(ends))
+    last = 1 - (1 - np.exp(-DT * later.rates(pairs))).prod(axis=1)
+    alone = np.exp(-DT * later.single_agent_rates(ends))
     best = 0.0
     for a, b in itertools.product(spots, spots):
         near_a, near_b = (np.abs(ends - x).max(axis=1) <= DT * V_MAX + 1e-12 for x in (a, b))
         both = np.outer(near_a, near_b).ravel()
         if not both.any():
             continue
-        p, q = np.exp(-DT * scenario.hazard.rates([a, b]))
+        p, q = np.exp(-DT * hazard.rates([a, b]))
         value = p * q * last[both].max()
         value += p * (1 - q) * alone[near_a].max() + q * (1 - p) * alone[near_b].max()
         best = max(best, value)
@@ -154,9 +159,7 @@ def test_step_back_is_above_every_position_between_nodes(collides):
     region = NodeBlock((0, 0), (10, 10))
     lattice = pair_lattice(task, scenario.positions, 6, region, 2, (0.0, 0.0))
     alone = rng.uniform(0.2, 0.6, (2, 10, 10))
-    members = [
-        MemberNodes(lattice.risk, lattice.slopes, lattice.spread, nodes, nodes) for nodes in alone
-    ]
+    members = [MemberNodes(*lattice.risks[0], nodes, nodes) for nodes in alone]
     values = np.maximum(alone[0][:, :, None, None], alone[1])
     values = np.maximum(values, rng.uniform(0.3, 1.0, (10, 10, 10, 10)))
     after = values.copy()

@@ -322,7 +322,6 @@ def test_timing_decides_in_blink_and_patrol():
 
 
 REFUSED = {
-    "optimal value": csw.optimal_value,
     "rate without a time": lambda one: one.hazard.rates(one.positions),
     "single-agent rate": lambda one: one.hazard.single_agent_rates(one.positions),
     "rates of sets": lambda one: one.hazard.set_rates(one.positions[None], np.ones((1, 2), bool)),

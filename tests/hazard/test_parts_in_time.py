@@ -11,6 +11,7 @@ from env_cases import outcomes
 from parametric_cases import START, assert_equals_differences, gradient, steered
 
 import casswarm as csw
+from casswarm.bounds import pair_bound
 from casswarm.envs import SwarmVectorEnv
 from casswarm.errors import PolicyError
 from casswarm.exploration.answers import HazardMap
@@ -69,6 +70,7 @@ PARTS: dict[str, Callable[[csw.Scenario], Any]] = {
         ).value
     ),
     "joint-replanning": of_policy("joint-replanning"),
+    "bound of pairs": lambda one: pair_bound(one, max_nodes=200_000).value,
     "gradient": lambda one: gradient(one, steered(one)).gradient,
     "environment": lambda one: SwarmVectorEnv(one, 3, shaping=True).reset(seed=1)[0][..., :6],
 }
