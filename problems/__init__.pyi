@@ -7,7 +7,7 @@ from .guide import (
     penalised_guide_nlp,
 )
 from .joint import JointForm, JointTask, joint_instances, joint_nlp
-from .subsets import subsets
+from .member_sets import subsets
 
 __all__ = [
     "GuideTask",

@@ -7,7 +7,8 @@ q_i(t, d) = 1 - exp(-dt lambda_i(X(t), d)) the probability of its loss,
 
     F_t(d) = sum over d' of d of  prod_{i in d'} (1 - q_i) prod_{i in d - d'} q_i  f_{t+1}(d'),
              q_i = q_i(t+1, d),
-    f_t(d') = 0 if some i in d' has T_i = t, because the run ends there, else F_t(d'),
+    f_t(d') = 0 if some i in d' has T_i = t (or as many as ``success.arrivals``), because the run
+              ends there, else F_t(d'),
     F_N(d) = 1.
 
 In general a run that ends at step t with d' alive costs c_t(d') in [0, 1]: 0 for ``"success"``; the
@@ -50,7 +51,7 @@ from ..nlp.program import Instances, LagrangianHessian, Nlp
 from ..typing import BoolArray, Expr, FloatArray, IntArray
 from .guide import tightened
 from .joint_hessian import MAX_MEMBERS, lagrangian_hessian
-from .subsets import subsets
+from .member_sets import subsets
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -248,6 +249,8 @@ class JointTask:
         Number of steps until t_f.
     min_distance : float
         Between members at every step after the first; 0 for none.
+    needed : int
+        Number of living members in the target that ends a run.
     """
 
     start: FloatArray
@@ -258,6 +261,7 @@ class JointTask:
     motion: Motion
     steps: int
     min_distance: float = 0.0
+    needed: int = 1
 
     @classmethod
     def from_scenario(
@@ -273,6 +277,7 @@ class JointTask:
             motion=Motion.from_scenario(scenario),
             steps=scenario.n_steps,
             min_distance=min_distance,
+            needed=scenario.success.arrivals,
         )
 
 
@@ -313,7 +318,7 @@ def _instance(
     origin = task.start.mean(axis=0)
     terminal: dict[str, ArrayLike] = {}
     if form.exact:
-        costs, ended, last_cost = terminal_costs(form.objective, n, arriving)
+        costs, ended, last_cost = terminal_costs(form.objective, n, arriving, task.needed)
         terminal = {"continues": ~ended, "costs": costs, "last_cost": last_cost[None]}
     change = np.where(moving, motion.a_max / motion.v_max**2, np.inf)
     lower: dict[str, ArrayLike] = {"acceleration": -np.inf, "arrival": -np.inf}
@@ -348,13 +353,13 @@ def _instance(
 
 
 def terminal_costs(
-    objective: str, n: int, inside: BoolArray
+    objective: str, n: int, inside: BoolArray, needed: int = 1
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Costs of runs by the step at which they end and the set d that is alive then.
 
-    `inside` (N, n) tells whether each member is in the target at steps 1..N. Costs (N, 2^n) are of
-    runs that end at a step by an arrival, 0 where they do not; then whether they do (N, 2^n); and
-    costs (2^n,) of runs that end after step N without an arrival.
+    `inside` (N, n) tells whether each member is in the target at steps 1..N, and `needed` how many
+    living ones end a run. Costs (N, 2^n) are of runs that end so at a step, 0 where they do not;
+    then whether they do (N, 2^n); and costs (2^n,) of runs that end after step N without success.
     """
     members = subsets(n).members
     arriving = inside.astype(float) @ members.T
@@ -364,5 +369,5 @@ def terminal_costs(
         costs = 1.0 - arriving / n
     elif objective == "survivors":
         costs, last = np.broadcast_to(lost, arriving.shape), lost
-    ended = arriving > 0
+    ended = arriving >= needed
     return np.where(ended, costs, 0.0), ended, last

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -91,3 +92,19 @@ def test_files_are_short() -> None:
     files = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
     lengths = {str(p): len(p.read_text(encoding="utf-8").splitlines()) for p in files}
     assert {name: length for name, length in lengths.items() if length > MAX_LINES} == {}
+
+
+def test_no_name_of_a_package_is_that_of_a_file_in_it() -> None:
+    # the import of the file would put the module in the place of the name (lazy_loader < 0.6)
+    stubs = [path for folder in FOLDERS for path in (ROOT / folder).rglob("__init__.pyi")]
+    assert len(stubs) > 10
+    for stub in stubs:
+        imports = [
+            node
+            for node in ast.parse(stub.read_text(encoding="utf-8")).body
+            if isinstance(node, ast.ImportFrom)
+        ]
+        names = {
+            alias.asname or alias.name for node in imports if node.module for alias in node.names
+        }
+        assert not names & {path.stem for path in stub.parent.iterdir()}, stub

@@ -5,9 +5,9 @@ from .acceleration_bound import (
     bound_with_acceleration,
 )
 from .level_game import PotentialFamily
-from .pair_bound import PairBound, PairValueFunction, pair_bound, require_pair
 from .risk_bound import Certificate, Level, certify
 from .success_bound import SuccessBound
+from .two_members import PairBound, PairValueFunction, pair_bound, require_pair
 
 __all__ = [
     "AccelerationBound",

@@ -6,8 +6,11 @@ The least of two bounds:
   arrives, whichever members protect it, P(success) <= 1 - prod_i (1 - exp(-r_i)): the proof is in
   ``docs/joint.md``. r_i is the least integral of phi(b) along any path from the member's initial
   position within the speed limit, with phi from `Hazard.least_rate` and b the single-agent rate.
+  Where k > 1 members must arrive (``success.arrivals``), it is the probability that at least k of
+  independent events of probability exp(-r_i) occur.
 - *level game*: `casswarm.bounds.level_game`, which accounts for the protection that the
-  lost no longer give; the proof is in ``docs/success-bound.md``.
+  lost no longer give; the proof is in ``docs/success-bound.md``. It is played for one arrival,
+  whose probability is not exceeded by that of several.
 """
 
 from __future__ import annotations
@@ -47,7 +50,7 @@ class SuccessBound:
     Parameters
     ----------
     failure : float
-        Proven lower bound on the probability that no member arrives.
+        Proven lower bound on the probability of failure: that too few members arrive.
     risks : (n,)
         Proven lower bounds r_i on each member's accumulated risk at its arrival; infinite for a
         member that cannot arrive by t_f, 0 if nothing is proven.
@@ -108,7 +111,7 @@ def success_bound(
     accuracy: float = ACCURACY,
     time_limit: float = math.inf,
 ) -> SuccessBound:
-    """Proven upper bound on the probability that some member arrives alive, for every policy.
+    """Proven upper bound on the success probability of every policy.
 
     The bound covers feedback, randomised and history-dependent policies, with any acceleration. It
     depends on the speed of the machine only if a time limit ends its refinement.
@@ -169,7 +172,7 @@ def _bound(
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
     risks = lowest_risks(among, scenario.positions, max_nodes)
-    failure = _ROUND_DOWN * float(np.prod(-np.expm1(-risks)))
+    failure = _ROUND_DOWN * _fewer_than(scenario.success.arrivals, risks)
     method, limited = CLOCKS, False
     if scenario.n > 1 and max_work > 0:
         effort = Effort(_GAME_NODES * max_nodes, max_work, accuracy, started + time_limit)
@@ -179,6 +182,19 @@ def _bound(
             failure, method = math.nextafter(1.0 - game.value, 0.0), GAME
     seconds = time.monotonic() - started
     return SuccessBound(failure, tuple(risks.tolist()), "", method, seconds, limited)
+
+
+def _fewer_than(arrivals: int, risks: FloatArray) -> float:
+    """Probability that fewer than so many of independent events of probability exp(-r_i) occur."""
+    if arrivals == 1:
+        return float(np.prod(-np.expm1(-risks)))
+    occurred = np.zeros(arrivals)  # probability of 0, 1, ... events so far
+    occurred[0] = 1.0
+    for risk in risks:
+        rises = math.exp(-risk) * occurred[:-1]
+        occurred *= -math.expm1(-risk)
+        occurred[1:] += rises
+    return float(occurred.sum())
 
 
 def lowest_risks(task: Relaxation, starts: FloatArray, max_nodes: int) -> FloatArray:

@@ -20,6 +20,7 @@ from .._util.threads import locked_cache
 from ..compiled.kernels import allocating_kernel, kernel
 from ..hazard import Hazard
 from ..policies.parametric import BatchFunction, ParametricPolicy
+from ..scenario.variations import require_default
 from ..typing import BoolArray, FloatArray, IntArray
 from .exact import Edges, Layer, StateSpaceExpansion
 from .states import Step
@@ -78,6 +79,9 @@ def success_and_gradient(
         target are absorbed. Rounding to a lattice is differentiated as if it were none.
     """
     scenario, gradient = expansion.scenario, np.zeros_like(policy.parameters)
+    require_default(
+        scenario, "success.arrivals", "the gradient of success in a policy's parameters"
+    )
     absorption = partial(_absorption, scenario, arrival_smoothing)
     layers, residual = expansion.layers(lambda move: absorption(move)[0])
     after = Values(*np.zeros((2, 0)), *np.zeros((2, 0, scenario.n, 2)))

@@ -1,8 +1,9 @@
 """Monte Carlo simulation of the controlled Markov chain: streams, trajectories, outcomes.
 
-A step is a `transition` and a draw of the survivors. A run ends at the first arrival of a living
-member, at the last destruction, or at the horizon. Policies are deterministic, so runs in equal
-states share one decision and one evaluation of rates: a run is a row of a table of distinct states.
+A step is a `transition` and a draw of the survivors. A run ends when as many living members as
+``success.arrivals`` says are in the target, at the last destruction, or at the horizon. Policies
+are deterministic, so runs in equal states share one decision and one evaluation of rates: a run is
+a row of a table of distinct states.
 """
 
 from __future__ import annotations
@@ -398,7 +399,7 @@ class _RunBatch:
         first, child = distinct_survivors(active, rows, draws, survival)
         parent = rows[first]
         alive = draws[active[first]] < survival[parent]  # of the distinct states that follow
-        arrived = (alive & move.inside[parent]).any(axis=1)
+        arrived = (alive & move.inside[parent]).sum(axis=1) >= move.arrivals
         saved = active[active < self.recorder.runs]
         own, survivors = rows[: len(saved)], alive[child[: len(saved)]]
         self.recorder.record(policy, step, saved, self.table[own], move.positions[own], survivors)

@@ -34,12 +34,16 @@ class Step(NamedTuple):
         Probability that a member survives the step, and that it is absorbed if it does.
     alive : (S, n) bool
         Whether a member is alive before the step.
+    arrivals : int
+        Number of members that must be absorbed in the step to end the run; from 2 on, `arrival` is
+        0 or 1.
     """
 
     weights: FloatArray
     survival: FloatArray
     arrival: FloatArray
     alive: BoolArray
+    arrivals: int
 
 
 class Outcomes(NamedTuple):
@@ -74,7 +78,8 @@ class Search(NamedTuple):
     mass: FloatArray  # (n+1,) of the partial outcome
     bound: FloatArray  # (n+1,) largest probability of completing it
     survivors: IntArray  # (n+1,) number in the partial outcome
-    stays: FloatArray  # (n+1,) probability that none of them is absorbed
+    inside: IntArray  # (n+1,) number of those that are absorbed, if that is certain
+    stays: FloatArray  # (n+1,) probability that too few of them are absorbed
     survived: BoolArray  # (n,)
     counts: FloatArray  # (3, n+1) `Totals.population`, `survivors` and `members` of this state
 
@@ -188,7 +193,7 @@ def begin(step: Step, state: int, search: Search) -> int:
         bound[d] = bound[d + 1] * max(p, 1.0 - p)
     search.counts[:] = 0.0
     search.mass[0], search.branch[0] = step.weights[state], 0
-    search.survivors[0], search.stays[0] = 0, 1.0
+    search.survivors[0], search.inside[0], search.stays[0] = 0, 0, 1.0
     return k
 
 
@@ -242,9 +247,13 @@ def enumerate_outcomes(
         if mass * search.bound[d + 1] < cutoff or (filled == capacity and d + 1 < k):
             pruned += mass
             continue
-        stays = 1.0 - step.arrival[state, i] if branch == 0 else 1.0
+        arrival = step.arrival[state, i] if branch == 0 else 0.0
         search.survivors[d + 1] = search.survivors[d] + (1 - branch)
-        search.stays[d + 1] = search.stays[d] * stays
+        search.inside[d + 1] = search.inside[d] + (arrival == 1.0)
+        if step.arrivals == 1:
+            search.stays[d + 1] = search.stays[d] * (1.0 - arrival)
+        else:
+            search.stays[d + 1] = 0.0 if search.inside[d + 1] >= step.arrivals else 1.0
         d += 1
         masses[d], branches[d] = mass, 0
     return filled, arrived, pruned
@@ -272,6 +281,7 @@ def split(
         np.empty(n + 1, np.int64),
         np.empty(n + 1),
         np.empty(n + 1),
+        np.empty(n + 1, np.int64),
         np.empty(n + 1, np.int64),
         np.empty(n + 1),
         np.zeros(n, np.bool_),

@@ -185,6 +185,8 @@ class Transition:
         Probability that a living member survives the step; 1, without meaning, for the destroyed.
     inside : (B, n) bool
         Members in the target zone at X(t+1).
+    arrivals : int
+        Number of survivors in the target zone that ends the run.
     counts : dict of name to (B,) int
         The counts of `COUNTS`.
     """
@@ -193,6 +195,7 @@ class Transition:
     positions: FloatArray
     survival: FloatArray
     inside: BoolArray
+    arrivals: int
     counts: dict[str, IntArray]
 
     def step(self, states: States, absorption: FloatArray | None = None) -> Step:
@@ -208,7 +211,7 @@ class Transition:
         if absorption is None:
             absorption = self.inside.astype(float)
         arrays = states.weights, self.survival, absorption, states.alive
-        return Step._make(contiguous(array) for array in arrays)
+        return Step(*map(contiguous, arrays), self.arrivals)
 
     def following(self, parents: IntArray, survived: BoolArray, weights: FloatArray) -> States:
         """States (K,) after the step: of which state, who survived it, and with which weight."""
@@ -259,6 +262,7 @@ def transition(
             -scenario.time.dt * scenario.hazard.after(step + 1).rates(following, alive)
         ),
         inside=scenario.target.contains(following),
+        arrivals=scenario.success.arrivals,
         counts=dict(zip(COUNTS, counts, strict=True)),
     )
 

@@ -145,6 +145,7 @@ class SwarmBatch:
             motion.dt,
             *target.center,
             target.radius,
+            self.scenario.success.arrivals,
             self.scenario.n_steps,
         )
 

@@ -54,6 +54,7 @@ class Limits(NamedTuple):
     east: float
     north: float
     radius: float
+    arrivals: int
     n_steps: int
 
 
@@ -116,13 +117,14 @@ def advance(
 ) -> None:
     """Draw the survivors of the active swarms and advance them; `draws` (n,) is overwritten.
 
-    A run ends with the first arrival of a living member, the last destruction, or the horizon.
+    A run ends when `arrivals` living members are in the target, with the last destruction, or at
+    the horizon.
     """
     for b in range(active.size):
         if not active[b]:
             continue
         write_uniforms(swarms.seeds[b], np.uint64(swarms.steps[b]), swarms.runs[b], draws)
-        survivors, arrived = 0, False
+        survivors, inside = 0, 0
         for i in range(draws.size):
             risk = limits.dt * moves.rates[b, i]
             # 1 - risk is below exp(-risk), so that most need no exponential
@@ -137,7 +139,8 @@ def advance(
                 east = moves.positions[b, i, 0] - limits.east
                 north = moves.positions[b, i, 1] - limits.north
                 if max(abs(east), abs(north)) <= limits.radius:  # most need no root
-                    arrived = arrived or math.hypot(east, north) <= limits.radius
+                    inside += math.hypot(east, north) <= limits.radius
+        arrived = inside >= limits.arrivals
         swarms.steps[b] += 1
         ends.success[b], ends.survivors[b] = arrived, survivors
         ends.ended[b] = arrived or survivors == 0 or swarms.steps[b] >= limits.n_steps

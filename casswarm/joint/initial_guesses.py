@@ -15,7 +15,7 @@ from ..guide.multistart import GRID_PATH, STRAIGHT
 from ..guide.plan import plan_from
 from ..motion.kinematics import integrate, interpolated, remaining_distance, resample
 from ..problems.joint import JointTask
-from ..problems.subsets import subsets
+from ..problems.member_sets import subsets
 from ..typing import FloatArray, IntArray
 from .plan_distribution import MAX_EXACT, prescribed_costs
 
@@ -92,12 +92,16 @@ def screened(
 
 
 def delayed(task: JointTask, arrivals: IntArray) -> IntArray:
-    """Arrival steps (B, n), delayed to the first that v_max allows; 0 if it allows none."""
+    """Arrival steps (B, n), delayed to the first that v_max allows; 0 if it allows none.
+
+    If several members must be in the target together, all arrive with the last.
+    """
     reach = np.arange(1, task.steps + 1)[:, None, None] * task.motion.dt * task.motion.v_max
     distance = remaining_distance(task.start, task.center, reach)  # (N, n)
     feasible = distance <= task.radius - task.margin
     earliest = np.where(feasible.any(axis=0), feasible.argmax(axis=0) + 1, 0)
-    return np.where(earliest > 0, np.maximum(arrivals, earliest), 0)
+    steps = np.where(earliest > 0, np.maximum(arrivals, earliest), 0)
+    return steps if task.needed == 1 else np.where(steps > 0, steps.max(axis=-1, keepdims=True), 0)
 
 
 def track(task: JointTask, goals: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..grid.nodes import UNIT
 from ..problems.joint import terminal_costs
-from ..problems.subsets import subsets
+from ..problems.member_sets import subsets
 from ..typing import BoolArray, FloatArray, IntArray, Interval
 from .set_kernels import recursion
 
@@ -49,6 +49,8 @@ class PlanDistribution:
         Probability that a member of a set d is lost in step t -> t+1; 0 outside d.
     inside : (N, n) bool
         Whether each member is in the target at steps 1..N.
+    needed : int
+        Number of living members in the target that ends a run.
     rounding : float
         Bound on the rounding error of a probability, if rates are exact to as many units in the
         last place as a sum over members and radars has operations.
@@ -57,6 +59,7 @@ class PlanDistribution:
     n: int
     lost: FloatArray
     inside: BoolArray
+    needed: int
     rounding: float
 
     @classmethod
@@ -71,19 +74,20 @@ class PlanDistribution:
             n,
             lost,
             scenario.target.contains(positions[1:]),
+            scenario.success.arrivals,
             len(lost) * n * operations * UNIT,
         )
 
     @cached_property
     def success(self) -> Interval:
-        """The probability that some member arrives alive, exact up to rounding."""
+        """The probability that enough members arrive alive, exact up to rounding."""
         probability = 1.0 - self.cost("success")
         low, high = max(0.0, probability - self.rounding), min(1.0, probability + self.rounding)
         return Interval(low, high)
 
     @property
     def failure(self) -> float:
-        """Probability that no member arrives, to relative precision however small it is."""
+        """Probability that too few members arrive, to relative precision however small it is."""
         return self.cost("success")
 
     @property
@@ -102,12 +106,12 @@ class PlanDistribution:
 
     @property
     def failures(self) -> FloatArray:
-        """Probability (N+1, 2^n) that no member of a set arrives after a step."""
+        """Probability (N+1, 2^n) that too few members of a set arrive after a step."""
         return self._costs("success")
 
     def _costs(self, objective: str) -> FloatArray:
         """Expected costs (N+1, 2^n) of all sets from a step on."""
-        costs, ended, last = terminal_costs(objective, self.n, self.inside)
+        costs, ended, last = terminal_costs(objective, self.n, self.inside, self.needed)
         values = np.empty((len(self.lost) + 1, 2**self.n))
         values[-1] = last
         for step in reversed(range(len(self.lost))):
@@ -136,7 +140,7 @@ class PlanDistribution:
         masses, arrival = np.zeros((steps + 1, 2**self.n)), np.zeros(steps + 1)
         survival, absorbed = np.ones((steps + 1, self.n)), np.zeros(self.n)
         masses[0, -1] = 1.0
-        ended = terminal_costs("success", self.n, self.inside)[1]
+        ended = terminal_costs("success", self.n, self.inside, self.needed)[1]
         for step in range(steps):
             following = sets.advanced(masses[step], self.lost[step])
             ending = np.where(ended[step], following, 0.0)
@@ -167,7 +171,7 @@ def prescribed_costs(
     lost, n = loss_probabilities(scenario, positions), positions.shape[2]
     steps = lost.shape[1]
     arriving = np.arange(1, steps + 1)[:, None] == arrivals[:, None]  # (B, N, n)
-    costs, ended, last = terminal_costs(objective, n, arriving)
+    costs, ended, last = terminal_costs(objective, n, arriving, scenario.success.arrivals)
     shape = len(lost), steps, 2**n
     continues, costs = (np.array(np.broadcast_to(part, shape), float) for part in (~ended, costs))
     return np.asarray(recursion(lost, continues, costs, np.tile(last, (len(lost), 1)))[0][:, -1])
@@ -218,7 +222,7 @@ def likely_sets(scenario: Scenario, positions: FloatArray, max_sets: int = MAX_S
             break
         masks, masses, rest = _after_step(scenario, step, positions[step + 1], masks, masses)
         terms += len(masks)
-        arriving = (masks & _mask(inside[step])) != 0
+        arriving = _alive(masks, n)[:, inside[step]].sum(axis=1) >= scenario.success.arrivals
         arrived += masses[arriving].sum()
         failed += masses[masks == 0].sum()
         going_on = ~arriving & (masks != 0)
@@ -266,7 +270,7 @@ def _after_step(
     scenario: Scenario, step: int, positions: FloatArray, masks: IntArray, masses: FloatArray
 ) -> tuple[IntArray, FloatArray, float]:
     """Masks and probabilities of the sets after a step at positions (n, 2); what is left out."""
-    alive = (masks[:, None] >> np.arange(len(positions)) & 1).astype(bool)
+    alive = _alive(masks, len(positions))
     rates = scenario.hazard.set_rates_along(positions[None], alive, step)[0]
     lost = -np.expm1(-scenario.time.dt * rates)
     parts = [
@@ -307,5 +311,6 @@ def _greatest(values: FloatArray, count: int) -> BoolArray:
     return np.asarray(values > np.partition(values, -count - 1)[-count - 1])
 
 
-def _mask(members: BoolArray) -> int:
-    return sum(1 << int(member) for member in np.flatnonzero(members))
+def _alive(masks: IntArray, n: int) -> BoolArray:
+    """Which of n members are in the sets of bit masks (m,): (m, n)."""
+    return (masks[:, None] >> np.arange(n) & 1).astype(bool)

@@ -24,6 +24,7 @@ from ..guide.plan import initial_velocities, plan
 from ..motion.kinematics import integrate, interpolated
 from ..problems.joint import OBJECTIVES, JointForm, JointTask
 from ..scenario.scenario_files import require_scenario
+from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Objective, Progress
 from .initial_guesses import INITIAL_GUESSES, Guesses, InitialGuess, delayed, padded, track
@@ -453,6 +454,10 @@ def _require_few(scenario: Scenario) -> None:
             f"{scenario.name!r} has {scenario.n} members; joint plans are for at most "
             f"{MOST_PLANNED}: use the policies leader or constrained",
             members=scenario.n,
+        )
+    if scenario.n > MAX_EXACT:
+        require_default(
+            scenario, "success.arrivals", f"a joint plan of more than {MAX_EXACT} members"
         )
     if scenario.n > MANY:
         LOG.warning(

@@ -99,8 +99,9 @@ class JointProblem:
         ]
 
     def _prescribed(self, arrivals: IntArray) -> IntArray:
-        """Arrival steps of the program, in which all arrive together if runs end with the first."""
-        return np.where(arrivals > 0, arrivals.max(), 0) if self.form.outside else arrivals
+        """Arrival steps of the program: a common one if runs end with all, or need several."""
+        together = self.form.outside or self.task.needed > 1
+        return np.where(arrivals > 0, arrivals.max(), 0) if together else arrivals
 
     def _outcome(self, guess: InitialGuess, arrivals: IntArray, solution: Solution) -> SwarmOutcome:
         flat = self.nlp.variable("velocities", solution.x)

@@ -2,13 +2,14 @@
 
 from .model import Scenario
 from .scenario_files import builtin_scenarios, load_scenario, save_scenario
-from .sections import FormationOptions, GuideOptions, HazardTable, Swarm, Target, Time
+from .sections import FormationOptions, GuideOptions, HazardTable, Success, Swarm, Target, Time
 
 __all__ = [
     "FormationOptions",
     "GuideOptions",
     "HazardTable",
     "Scenario",
+    "Success",
     "Swarm",
     "Target",
     "Time",

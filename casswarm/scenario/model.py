@@ -23,6 +23,7 @@ from .sections import (
     FormationOptions,
     GuideOptions,
     HazardTable,
+    Success,
     Swarm,
     Target,
     Time,
@@ -72,6 +73,7 @@ class Scenario(Displayed, Table):
     swarm: Swarm = Field(description="Members.")
     target: Target = Field(description="Target zone.")
     time: Time = Field(description="Clock.")
+    success: Success = Field(default_factory=Success, description="When a run is a success.")
     hazard_table: HazardTable = Field(alias="hazard", description="Destruction rates of members.")
     guide: GuideOptions = Field(
         default_factory=GuideOptions, description="Options of the guide problem."
@@ -167,7 +169,7 @@ class Scenario(Displayed, Table):
 
         Parameters
         ----------
-        swarm, target, time, hazard, guide, formation : mapping
+        swarm, target, time, success, hazard, guide, formation : mapping
             New values by key; the other keys of the table keep theirs. None omits a key.
 
         Raises
@@ -381,6 +383,12 @@ def _problems(
     scenario: Scenario, folder: Path | None = None, allow_code: bool = False
 ) -> Iterator[str]:
     """Contradictions in a scenario of a file in `folder`; `allow_code` as of `load_scenario`."""
+    if scenario.success.arrivals > scenario.n:
+        yield (
+            f"success.arrivals is {scenario.success.arrivals}, but there "
+            f"{'is' if scenario.n == 1 else 'are'} {counted(scenario.n, 'member')}; lower it or "
+            "add members"
+        )
     yield from _start_problems(scenario.swarm, scenario.target, scenario.hazard_table)
     yield from _reach_problems(scenario.swarm, scenario.target, scenario.time)
     yield from _margin_problems(scenario.guide, scenario.target)

@@ -105,6 +105,16 @@ class Target(Table):
         return np.asarray(self.distances(positions) <= self.radius)
 
 
+class Success(Table):
+    """Condition for the success of a run."""
+
+    arrivals: Count = Field(
+        1,
+        description="Number of living members that must be in the target zone after the same step, "
+        "at least.",
+    )
+
+
 class Time(Table):
     """Clock with steps of dt until t_f."""
 
@@ -206,6 +216,7 @@ class Changes(TypedDict, total=False):
     swarm: Mapping[str, object]
     target: Mapping[str, object]
     time: Mapping[str, object]
+    success: Mapping[str, object]
     hazard: Mapping[str, object]
     guide: Mapping[str, object]
     formation: Mapping[str, object]

@@ -46,6 +46,23 @@ def value(scenario: Scenario, key: str) -> Any:
     return getattr(scenario.hazard_table if table == "hazard" else getattr(scenario, table), leaf)
 
 
+def require_default(scenario: Scenario, key: str, part: str) -> None:
+    """Raise ScenarioError where a key has a value that a part of the package does not treat.
+
+    Which part treats which key is a table in ``docs/limits.md``, and a test.
+    """
+    field, present = field_of(key, Scenario), value(scenario, key)
+    assert field is not None
+    if present != field.default:
+        raise ScenarioError(
+            f"{key} is {shown(present)}, and {part} treats only {shown(field.default)} "
+            "(docs/limits.md has the parts that treat others)",
+            key=key,
+            value=present,
+            part=part,
+        )
+
+
 def whole_numbers(key: str, values: Sequence[Any]) -> list[Any]:
     """Values of a parameter; if it takes whole numbers only, such as n, they become int.
 

@@ -14,9 +14,9 @@ from small_scenarios import DT, ON_THE_WAY, V_MAX, colliding, pair, patrolled, s
 
 from casswarm import SaturationCollision, load_scenario, success_bound
 from casswarm.bounds import PairValueFunction, pair_bound
-from casswarm.bounds.pair_bound import first_program
 from casswarm.bounds.pair_kernels import MemberNodes, step_back
 from casswarm.bounds.pair_program import PairProgram, pair_lattice, viable_boxes
+from casswarm.bounds.two_members import first_program
 from casswarm.errors import PlanningError
 from casswarm.grid import NodeBlock, Relaxation
 from casswarm.joint import PlanDistribution

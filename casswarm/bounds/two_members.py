@@ -13,6 +13,7 @@ from ..errors import PlanningError
 from ..grid.nodes import NodeBlock, Relaxation, multilinear
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
+from ..scenario.variations import require_default
 from ..typing import FloatArray
 from .pair_program import Arrays, PairProgram, Tube, best_multiplier, gathered
 from .refinement import Clock, refined
@@ -197,6 +198,7 @@ def first_program(
 
 def require_pair(scenario: Scenario) -> None:
     """Raise PlanningError unless a scenario has two members and rates with bounds for pairs."""
+    require_default(scenario, "success.arrivals", "the optimal value of two members")
     if scenario.n != 2:
         reason = (
             f"the optimal value is computed for two members; {scenario.name!r} has {scenario.n}"
