@@ -149,7 +149,7 @@ def _ipopt_paths(rng: Rng, scenario: csw.Scenario) -> Iterator[np.ndarray]:
         for radar, strength in zip(rates.radars, strengths, strict=True):
             offset = x - ca.repmat(ca.DM(radar), 1, steps)
             cost += ca.sum2(dt * strength / (ca.sum1(offset**2) + 1e-12 * (dt * v_max) ** 2))
-        cost *= table.alpha_1 / (1 + table.alpha_2)
+        cost *= table.alpha_1 / (1 + table.alpha_2)  # zones do not count: a local optimum without
         miss = ca.sumsqr((x[:, -1] - ca.DM(target.center)) / target.radius)
         quiet = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes"}
         quiet |= {"ipopt.max_iter": 200, "error_on_fail": False}

@@ -10,7 +10,17 @@ from pathlib import Path
 
 import numpy as np
 from _attack_records import Check, Skip
-from _attack_scenarios import POLICIES, Data, Rng, data_of, draw, moved, scale_length, scale_time
+from _attack_scenarios import (
+    POLICIES,
+    Data,
+    Rng,
+    data_of,
+    draw,
+    in_time,
+    moved,
+    scale_length,
+    scale_time,
+)
 
 import casswarm as csw
 
@@ -23,7 +33,8 @@ _LIMITED = "certificate with a_max"
 
 def images(rng: Rng) -> Iterator[Check]:
     """Claim 7: nothing changes in other units, in an image, or in another order of the members."""
-    scenario = draw(rng, members=(1, 3), steps=(2, 7), extremes=bool(rng.random() < 0.3))
+    ordinary = draw(rng, members=(1, 3), steps=(2, 7), extremes=bool(rng.random() < 0.3))
+    scenario = in_time(rng, ordinary)
     data = data_of(scenario)
     kind = str(rng.choice(["length", "time", "shifted", "mirrored", "turned", "permuted"]))
     if kind == "permuted" and scenario.n < 3:

@@ -14,13 +14,14 @@ import numpy as np
 
 import casswarm as csw
 from casswarm.scenario.radars import Radar
+from casswarm.scenario.zones import ZoneTable
 
 _CORE = 0.01  # where the hazard does not state its core radius
 
 
 @dataclass(frozen=True)
 class Rates:
-    """Rates of the paper's two scenarios."""
+    """Rates of the paper's two scenarios, with radars in time and zones."""
 
     radars: np.ndarray
     strengths: np.ndarray
@@ -29,6 +30,7 @@ class Rates:
     core: float
     tracks: tuple[Radar, ...] = ()
     dt: float = 0.0
+    zones: tuple[ZoneTable, ...] = ()
 
     @classmethod
     def from_scenario(cls, scenario: csw.Scenario) -> Rates:
@@ -40,7 +42,8 @@ class Rates:
         alpha = table.alpha_1, table.alpha_2, table.alpha_3
         core = getattr(scenario.hazard, "core_radius", None) or _CORE
         return cls(
-            *(radars, strengths, alpha, beta, float(core)), tuple(table.radar), scenario.time.dt
+            *(radars, strengths, alpha, beta, float(core)),
+            *(tuple(table.radar), scenario.time.dt, tuple(table.zone)),
         )
 
     def after(self, step: int) -> Rates:
@@ -70,7 +73,16 @@ class Rates:
     def single(self, points: np.ndarray) -> np.ndarray:
         """Rates (...) of a single agent at points (..., 2)."""
         squared = ((points[..., None, :] - self.radars) ** 2).sum(axis=-1)
-        return self.alpha[0] / (1 + self.alpha[1]) * (self.strengths / self._core(squared)).sum(-1)
+        rates = self.alpha[0] / (1 + self.alpha[1]) * (self.strengths / self._core(squared)).sum(-1)
+        return rates + self.of_zones(points)
+
+    def of_zones(self, points: np.ndarray) -> np.ndarray:
+        """Rates (...) of a single agent in zones at points (..., 2)."""
+        total = np.zeros(points.shape[:-1])
+        for zone in self.zones:
+            u = np.minimum(_distances(zone, points) / zone.edge, 1.0)
+            total += zone.rate * (1 - u) ** 3 * (1 + 3 * u + 6 * u**2)
+        return total
 
     def members(self, positions: np.ndarray, alive: np.ndarray) -> np.ndarray:
         """Rates (n,) of members at positions (n, 2), without meaning for the destroyed."""
@@ -81,6 +93,7 @@ class Rates:
             density = 1.0 + sum(1 / (1 + self.alpha[2] * pair) for pair in pairs)
             squared = ((x - self.radars) ** 2).sum(axis=-1)
             source = self.alpha[0] * float((self.strengths / self._core(squared)).sum())
+            source += (1 + self.alpha[1]) * float(self.of_zones(x))
             rates[i] = source / (1 + self.alpha[1] * density)
             if self.beta is not None:
                 one, two = self.beta
@@ -90,6 +103,20 @@ class Rates:
     def _core(self, squared: np.ndarray) -> np.ndarray:
         core = self.core**2
         return np.where(squared >= core, squared, (core + squared**2 / core) / 2)
+
+
+def _distances(zone: ZoneTable, points: np.ndarray) -> np.ndarray:
+    """Distances (...) of points (..., 2) from the disc or polygon of a zone."""
+    if zone.vertices is None:
+        return np.maximum(np.hypot(*np.moveaxis(points - zone.center, -1, 0)) - zone.radius, 0.0)
+    corners = np.array(zone.vertices)
+    sides = np.roll(corners, -1, axis=0) - corners
+    offsets = points[..., None, :] - corners
+    part = np.clip((offsets * sides).sum(-1) / (sides**2).sum(-1), 0.0, 1.0)
+    nearest = np.hypot(*np.moveaxis(offsets - part[..., None] * sides, -1, 0)).min(axis=-1)
+    turns = sides[:, 0] * offsets[..., 1] - sides[:, 1] * offsets[..., 0]
+    inside = (turns >= 0).all(axis=-1) | (turns <= 0).all(axis=-1)
+    return np.where(inside, 0.0, nearest)
 
 
 class Outcomes(NamedTuple):
@@ -125,7 +152,7 @@ def enumerate_chain(
             after = np.zeros(n, bool)
             after[living] = lives
             share = float(np.prod(np.where(lives, survival[living], 1 - survival[living])))
-            if (after & inside).any():
+            if (after & inside).sum() >= scenario.success.arrivals:
                 outcomes.arrival[step + 1] += mass * share
                 end(after, mass * share)
             elif share > 0:

@@ -32,6 +32,10 @@ def draw(
     data = _ordinary(rng, int(rng.integers(members[0], members[1] + 1)), steps)
     if extremes and rng.random() < 0.4:
         rng.choice(np.array(EXTREMES, object))(rng, data)
+    if rng.random() < 0.2:
+        data["hazard"]["zone"] = _zones(rng, data)
+    if rng.random() < 0.2:
+        data["success"] = {"arrivals": int(rng.integers(1, len(data["swarm"]["positions"]) + 1))}
     try:
         return csw.Scenario.from_data(data)
     except csw.ScenarioError as error:
@@ -122,6 +126,25 @@ def _hazard(rng: Rng, offset: np.ndarray, way: np.ndarray, step: float, t_f: flo
         hazard["beta_1"] = step * 10 ** rng.uniform(-1.5, 0)
         hazard["beta_2"] = rng.uniform(1, 8)
     return hazard
+
+
+def _zones(rng: Rng, data: Data) -> list[Data]:
+    """One or two discs or polygons between start and target, of any size, sharp or soft."""
+    start, center = np.mean(data["swarm"]["positions"], axis=0), data["target"]["center"]
+    way, zones = center - start, []
+    length = max(float(np.hypot(*way)), 1e-300)
+    for _ in range(int(rng.integers(1, 3))):
+        place = start + rng.uniform(0.2, 0.9) * way + rng.normal(size=2) * 0.2 * length
+        size = length * 10 ** rng.uniform(-2, -0.5)
+        zone: Data = {"center": place, "radius": size}
+        if rng.random() < 0.5:
+            angles = np.sort(rng.uniform(0, 2 * math.pi, size=int(rng.integers(3, 7))))
+            corners = place + size * np.column_stack([np.cos(angles), np.sin(angles)])
+            zone = {"vertices": corners[:: rng.choice([-1, 1])]}
+        zone["edge"] = size * 10 ** rng.uniform(-1.5, 0.5)
+        zone["rate"] = 10 ** rng.uniform(-1.5, 1.5) / data["time"]["dt"]
+        zones.append(zone)
+    return zones
 
 
 def _guide(rng: Rng) -> Data:
@@ -235,6 +258,11 @@ def data_of(scenario: csw.Scenario) -> Data:
     data["hazard"]["radars"] = np.array(data["hazard"]["radars"])
     data["hazard"].pop("parameters", None)
     data["target"]["center"] = np.array(data["target"]["center"])
+    for key in ("radar", "zone"):
+        data["hazard"][key] = [
+            {name: v if np.isscalar(v) else np.array(v) for name, v in table.items()}
+            for table in data["hazard"].get(key, ())
+        ]
     if data["swarm"].get("velocity", "guide") != "guide":
         data["swarm"]["velocity"] = np.array(data["swarm"]["velocity"])
     return data
@@ -259,7 +287,7 @@ def scale_length(data: Data, factor: float) -> Data:
         "guide.margin": 1, "guide.gamma": -1, "guide.learning_rate": 2, "formation.rho": 2,
         "formation.learning_rate": 2,
     }  # fmt: skip
-    return _with_radars(_multiplied(data, powers, factor), (1.0, factor, factor))
+    return _with_tables(_multiplied(data, powers, factor), (1.0, factor, factor))
 
 
 def scale_time(data: Data, factor: float) -> Data:
@@ -270,17 +298,20 @@ def scale_time(data: Data, factor: float) -> Data:
     }  # fmt: skip
     if data["hazard"]["kind"] == "saturation+collision":
         powers["hazard.beta_1"] = -1 / data["hazard"]["beta_2"]
-    return _with_radars(_multiplied(data, powers, factor), (factor, 1.0, 1.0))
+    return _with_tables(_multiplied(data, powers, factor), (factor, 1.0, 1.0))
 
 
-def _with_radars(data: Data, units: tuple[float, float, float]) -> Data:
-    """The scenario with its radars in time in other units of time, x and y."""
+def _with_tables(data: Data, units: tuple[float, float, float]) -> Data:
+    """The scenario with radars in time and zones in other units of time, x and y."""
     time, scale = units[0], np.array(units)
-    powers = {"position": scale[1:], "velocity": scale[1:] / time, "path": scale, "active": time}
-    if radars := data["hazard"].get("radar"):
-        data["hazard"]["radar"] = [
-            {key: np.array(v) * powers[key] if key in powers else v for key, v in radar.items()}
-            for radar in radars
+    powers: dict[str, object] = {"position": scale[1:], "velocity": scale[1:] / time}
+    powers |= {"path": scale, "active": time, "rate": 1 / time}
+    powers |= dict.fromkeys(["center", "vertices"], scale[1:])
+    powers |= dict.fromkeys(["radius", "edge"], scale[1])
+    for key in ("radar", "zone"):
+        data["hazard"][key] = [
+            {name: v * powers.get(name, 1) for name, v in table.items()}
+            for table in data["hazard"].get(key, ())
         ]
     return data
 
@@ -289,7 +320,25 @@ def moved(data: Data, matrix: np.ndarray, shift: np.ndarray) -> Data:
     """The scenario after a signed permutation of the axes (2, 2) and a translation (2,)."""
     image = _multiplied(data, {}, 1.0)
     for table, name in (("swarm", "positions"), ("target", "center"), ("hazard", "radars")):
-        image[table][name] = data[table][name] @ matrix.T + shift
+        image[table][name] = data[table][name].reshape(-1, 2) @ matrix.T + shift
+    image["target"]["center"] = image["target"]["center"][0]
     if isinstance(velocity := data["swarm"].get("velocity"), np.ndarray):
         image["swarm"]["velocity"] = velocity @ matrix.T
+    for key in ("radar", "zone"):
+        image["hazard"][key] = [
+            _moved(table, matrix, shift) for table in data["hazard"].get(key, ())
+        ]
     return image
+
+
+def _moved(table: Data, matrix: np.ndarray, shift: np.ndarray) -> Data:
+    """A radar in time or a zone after a signed permutation and a translation."""
+    changed = dict(table)
+    for name in table.keys() & {"position", "center", "vertices"}:
+        changed[name] = table[name] @ matrix.T + shift
+    if "velocity" in table:
+        changed["velocity"] = table["velocity"] @ matrix.T
+    if "path" in table:
+        path = table["path"]
+        changed["path"] = np.column_stack([path[:, 0], path[:, 1:] @ matrix.T + shift])
+    return changed

@@ -60,11 +60,12 @@ class HazardMap:
 
     @classmethod
     def around(cls, scenario: Scenario, guide: Guide) -> HazardMap:
-        """Map that holds the members, the target, the radars and the guide."""
+        """Map that holds the members, the target, the radars, the zones and the guide."""
         center, radius = np.asarray(scenario.target.center), scenario.target.radius
-        zone = center + radius * np.array([[-1, -1], [1, 1]])
-        radars = np.reshape(scenario.hazard_table.starts, (-1, 2))
-        points = np.vstack([scenario.positions, zone, radars, guide.positions])
+        target = center + radius * np.array([[-1, -1], [1, 1]])
+        table = scenario.hazard_table
+        landmarks = np.reshape(table.starts, (-1, 2)), *(zone.corners for zone in table.zone)
+        points = np.vstack([scenario.positions, target, *landmarks, guide.positions])
         low, high = points.min(axis=0), points.max(axis=0)
         half = (0.5 + _MARGIN) * float((high - low).max())
         middle = 0.5 * (low + high)
@@ -283,7 +284,7 @@ def is_near(scenario: Scenario, guide: Guide) -> bool:
         guide.search == scenario.guide.search == "global"
         and guide.dt == scenario.time.dt
         and bool(best)
-        and len(best[0].homotopy) == len(scenario.hazard.radar_positions)
+        and len(best[0].homotopy) == len(scenario.hazard.after(0).landmarks)
     )
 
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
@@ -188,10 +188,15 @@ def add_landmarks(
     step: int | None = None,
     in_time: bool = True,
 ) -> None:
-    """Draw the target and the radars; those in time after a step, unless not `in_time`."""
+    """Draw target, zones and radars; those in time after a step, unless not `in_time`."""
     center, radius = scenario.target.center, scenario.target.radius
-    zone = Circle(center, radius, facecolor="white", edgecolor=INK, hatch="////", label="target")
-    axes.add_patch(zone).set_zorder(2)
+    target = Circle(center, radius, facecolor="white", edgecolor=INK, hatch="////", label="target")
+    axes.add_patch(target).set_zorder(2)
+    for k, zone in enumerate(scenario.hazard_table.zone):
+        style: dict[str, Any] = {"facecolor": "none", "edgecolor": radars, "lw": scaled(1.1)}
+        style |= {"hatch": "xx", "hatch_linewidth": 0.4, "label": "_" if k else "zone"}
+        region = Circle(zone.center, zone.radius, **style) if zone.center else None
+        axes.add_patch(region or Polygon(zone.corners, **style)).set_zorder(2)
     if not scenario.hazard.changes:
         add_radars(axes, scenario.hazard, radars)
         return

@@ -23,6 +23,7 @@ from ..hazard.rate_kernels import (
     second_combine,
     second_density,
     second_source,
+    second_zone,
     unpacked,
 )
 from ..typing import FloatArray
@@ -225,8 +226,10 @@ def own_curvature(
     n, parameters = blocks.size // 3, unpacked(constants)
     east, north, k = scratch[:n], scratch[n : 2 * n], 3 * int(scratch[6 * n + i])
     weight, east_i, north_i = p[5 * n + k // 3], east[i], north[i]
-    risk, risk_east, risk_north = 0.0, 0.0, 0.0
-    around, east_east, east_north, north_north = 0.0, 0.0, 0.0, 0.0
+    risk, risk_east, risk_north, east_east, east_north, north_north = second_zone(
+        east_i, north_i, parameters
+    )
+    around = 0.0
     for r in range(FIRST_RADAR, constants.size, 3):
         de, dn, strength = east_i - constants[r], north_i - constants[r + 1], constants[r + 2]
         value, slope, curvature = second_source(de * de + dn * dn, parameters)

@@ -9,6 +9,7 @@ exact.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from dataclasses import dataclass, replace
@@ -18,11 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..scenario import Scenario
-from ..scenario.sections import CONSTANTS
+from ..scenario.hazard_table import CONSTANTS
 from ..typing import FloatArray, IntArray, Progress
 
 if TYPE_CHECKING:
     from ..hazard import KernelHazard
+    from ..scenario.zones import ZoneTable
     from .guide import Candidate, Guide
 
 _TURN, _MIRROR = np.array([[0.0, -1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
@@ -112,6 +114,8 @@ class Frame:
         }
         if tables := scenario.hazard_table.radar:
             values["hazard.radar"] = [radar.mapped(self.points_to) for radar in tables]
+        if zones := scenario.hazard_table.zone:
+            values["hazard.zone"] = [zone.mapped(self.points_to) for zone in zones]
         if scenario.swarm.velocity != "guide":
             values["swarm.velocity"] = self.points_to(scenario.swarm.velocity)
         return scenario.with_values(values)
@@ -168,7 +172,16 @@ def _key(scenario: Scenario, velocity: FloatArray, matrix: FloatArray) -> list[f
         weighted = _radars_in_time(scenario, matrix)
     parts = [rows[_sorting(rows)].ravel().tolist() for rows in (offsets, weighted)]
     speeds = np.round(velocity @ matrix.T / scenario.swarm.v_max, _DIGITS_SPEED)
-    return [*direction, *parts[0], *parts[1], *speeds.tolist()]
+    zones = sorted(_zone_key(scenario, zone, matrix) for zone in table.zone)
+    return [*direction, *parts[0], *parts[1], *itertools.chain(*zones), *speeds.tolist()]
+
+
+def _zone_key(scenario: Scenario, zone: ZoneTable, matrix: FloatArray) -> list[float]:
+    """Numbers that do not depend on the order of vertices."""
+    vertices = _offsets(scenario, np.array(zone.vertices or (zone.center,))) @ matrix.T
+    lengths = [(zone.radius or 0.0) / scenario.target.radius, zone.edge / scenario.target.radius]
+    numbers = [*lengths, zone.rate * scenario.time.dt]
+    return [*vertices[_sorting(vertices)].ravel().tolist(), *np.round(numbers, _DIGITS).tolist()]
 
 
 def _radars_in_time(scenario: Scenario, matrix: FloatArray) -> FloatArray:

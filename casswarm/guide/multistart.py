@@ -129,10 +129,10 @@ def homotopy_signature(positions: FloatArray, radars: FloatArray) -> str:
 
 
 def _radars_along(hazard: Hazard, count: int, stride: int = 1) -> FloatArray:
-    """Positions of the radars beside a path's first `count`, as `homotopy_signature` takes them."""
+    """Radars and zones beside a path's first `count` points, as `homotopy_signature` takes them."""
     if not hazard.changes:
-        return hazard.radar_positions
-    return np.stack([hazard.after(stride * index).radar_positions for index in range(count)])
+        return hazard.landmarks
+    return np.stack([hazard.after(stride * index).landmarks for index in range(count)])
 
 
 @dataclass(frozen=True, eq=False)

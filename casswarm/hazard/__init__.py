@@ -8,6 +8,7 @@ from .in_time import HazardInTime, RadarTrack
 from .kernel_hazard import KernelHazard, regular
 from .rate_bounds import LeastRate
 from .saturation import Saturation, SaturationCollision
+from .zones import Zone
 
 __all__ = [
     "CustomHazard",
@@ -19,6 +20,7 @@ __all__ = [
     "RadarTrack",
     "Saturation",
     "SaturationCollision",
+    "Zone",
     "blocked",
     "compiled_rates",
     "radar_table",

@@ -29,7 +29,7 @@ def state_rates(
 
     Also those of the destroyed.
     """
-    source, density, collision, combine = lowered_kernels(hazard)
+    source, density, collision, combine, zone = lowered_kernels(hazard)
     n = positions.shape[1]
     m = n if members is None else members
     size = max(1, _CHUNK_PAIRS // (m * max(n, len(hazard.radars))))
@@ -41,7 +41,8 @@ def state_rates(
             pairs = _squared_distances(x[:, :m], x)
             to_radars = _squared_distances(x[:, :m], hazard.radar_positions[None])
             rates[part] = combine(
-                np.sum(source(to_radars) * hazard.radar_strengths, axis=-1),
+                np.sum(source(to_radars) * hazard.radar_strengths, axis=-1)
+                + zone(x[:, :m, 0], x[:, :m, 1]),
                 np.sum(density(pairs) * living, axis=-1),
                 np.sum(collision(pairs) * others, axis=-1),
             )
@@ -85,11 +86,12 @@ def set_rates(
     else with radars (k, r, 3, l), positions and strengths, or (1, r, 3, 1).
     """
     radars = radar_table(hazard) if radars is None else radars
-    source, density, collision, combine = lowered_kernels(hazard)
+    source, density, collision, combine, zone = lowered_kernels(hazard)
     pairs = _squares(_differences(points))
     with np.errstate(all="ignore"):  # values that are not finite are found where they are used
-        strengths = source(_squares(_to_radars(radars, points)))
-        sums = _sums(radars, sets, strengths, density(pairs), collision(pairs), pairs)
+        sources = _by_radar(radars, source(_squares(_to_radars(radars, points))))
+        sources += zone(points[:, :, 0], points[:, :, 1])
+        sums = _sums(sources, sets, density(pairs), collision(pairs), pairs)
         return np.asarray(combine(*sums))
 
 
@@ -100,7 +102,7 @@ class LocalRates:
     Parameters
     ----------
     radars : (k, n, 5, l)
-        Gradient and Hessian (xx, xy, yy) of the sum over radars in a member's position.
+        Gradient and Hessian (xx, xy, yy) of the sum over radars and zones in a member's position.
     pairs : (k, 4, n, n, l)
         First and second derivatives of density and collision in the squared distance.
     rates : (k, m, 10, n, l)
@@ -117,19 +119,23 @@ class LocalRates:
     ) -> LocalRates:
         """Rates in all sets of swarms at points (k, n, 2, l), with radars as in `set_rates`."""
         radars = radar_table(hazard) if radars is None else radars
-        source, density, collision, combine = lowered_kernels(hazard, 2)
+        source, density, collision, combine, zone = lowered_kernels(hazard, 2)
         to_radars, squares = _to_radars(radars, points), _squares(_differences(points))
         with np.errstate(all="ignore"):  # values that are not finite end the solve
             strengths = _filled(source, 3, 1, _squares(to_radars))
             of_pairs = np.concatenate(
                 [_filled(density, 3, 1, squares), _filled(collision, 3, 1, squares)], axis=1
             )
-            values = strengths[:, 0], of_pairs[:, 0], of_pairs[:, 3]
-            rates = _filled(combine, 10, 2, *_sums(radars, None, *values, squares))
+            of_zones = _filled(zone, 6, 1, points[:, :, 0], points[:, :, 1])
+            sources = _by_radar(radars, strengths[:, 0]) + of_zones[:, 0]
+            sums = _sums(sources, None, of_pairs[:, 0], of_pairs[:, 3], squares)
+            rates = _filled(combine, 10, 2, *sums)
         own = np.arange(points.shape[1])
         of_pairs[:, :, own, own] = 0.0
         pairs = np.ascontiguousarray(of_pairs[:, [1, 2, 4, 5]])
-        return cls(_by_position(radars, strengths, to_radars), pairs, rates)
+        by_position = _by_position(radars, strengths, to_radars)
+        by_position += of_zones[:, 1:].swapaxes(1, 2)
+        return cls(by_position, pairs, rates)
 
 
 def _by_position(radars: FloatArray, strengths: FloatArray, to_radars: FloatArray) -> FloatArray:
@@ -148,15 +154,19 @@ def _by_position(radars: FloatArray, strengths: FloatArray, to_radars: FloatArra
     return np.stack([part.sum(axis=2) for part in parts], axis=2)
 
 
+def _by_radar(radars: FloatArray, strengths: FloatArray) -> FloatArray:
+    """Sums (k, n, l) over radars, from strengths (k, n, r, l) of each."""
+    return np.asarray((strengths * radars[:, None, :, 2]).sum(axis=2))
+
+
 def _sums(
-    radars: FloatArray,
+    sources: FloatArray,
     sets: BoolArray | None,
-    strengths: FloatArray,
     density: FloatArray,
     collision: FloatArray,
     pairs: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Sums (k, m, n, l) over radars, over living members, and over other living members."""
+    """Sums (k, m, n, l): `sources` (k, n, l), over living members, and over other living ones."""
     blocks, n, _, lanes = pairs.shape
     others = np.where(np.eye(n, dtype=bool)[..., None], 0.0, collision)
     members = (np.arange(2**n)[:, None] >> np.arange(n)) & 1 if sets is None else sets
@@ -165,8 +175,7 @@ def _sums(
         (members @ np.broadcast_to(values, pairs.shape).reshape(blocks, n, -1)).reshape(shape)
         for values in (density, others)
     )
-    by_radars = (strengths * radars[:, None, :, 2]).sum(axis=2)[:, None]
-    return np.broadcast_to(by_radars, shape), densities, collisions
+    return np.broadcast_to(sources[:, None], shape), densities, collisions
 
 
 def _filled(

@@ -27,6 +27,11 @@ class Hazard(ABC):
         """Positions of the radars, shape (k, 2); k = 0 if there are none."""
 
     @property
+    def landmarks(self) -> FloatArray:
+        """Points (m, 2) that a path has on its left or right: radars, and centres of zones."""
+        return self.radar_positions
+
+    @property
     def changes(self) -> bool:
         """True if rates depend on time: see `casswarm.hazard.HazardInTime`."""
         return False

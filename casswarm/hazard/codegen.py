@@ -23,7 +23,7 @@ from ..typing import Expr
 if TYPE_CHECKING:
     from .kernel_hazard import KernelHazard
 
-_KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3}
+_KERNELS = {"source": 1, "density": 1, "collision": 1, "combine": 3, "zone": 2}
 """The kernels of a hazard, and their numbers of arguments."""
 
 
@@ -91,7 +91,7 @@ def derivative_source(
 
 
 def lowered_kernels(hazard: KernelHazard, order: int = 0) -> tuple[Callable[..., Any], ...]:
-    """NumPy functions (see `lower`) of the expressions: source, density, collision, combine."""
+    """NumPy functions (see `lower`) of the kernels' expressions, in the order of `_KERNELS`."""
     return _lowered(hazard.template, order)
 
 

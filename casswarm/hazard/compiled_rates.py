@@ -80,5 +80,6 @@ def _module(
     text, parameters = differentiated_kernels(hazard)
     symbols = ca.SX.sym("constants", len(parameters))
     unpacked = lower_source("unpacked", {"constants": symbols}, ca.vertsplit(symbols))
-    text += f"\n\nCOLLIDES = {hazard.collides}\nFIRST_RADAR = {len(parameters)}\n\n\n{unpacked}"
+    text += f"\n\nCOLLIDES = {hazard.collides}\nHAS_ZONES = {bool(hazard.zones)}"
+    text += f"\nFIRST_RADAR = {len(parameters)}\n\n\n{unpacked}"
     return specialised(text, *kernels, reordering=reordering), parameters

@@ -2,7 +2,7 @@
 
 A member's rate is combine(S, D, C) of three sums of scalar kernels::
 
-    S = sum over radars l      strength_l source(||x_i - x_l||^2)
+    S = sum over radars l      strength_l source(||x_i - x_l||^2)  + zone(x_i)
     D = sum over living j      density(||x_i - x_j||^2)        (j = i counts)
     C = sum over living j != i collision(||x_i - x_j||^2)
 
@@ -29,6 +29,7 @@ from ..typing import BoolArray, Expr, FloatArray
 from .array_rates import blocked, set_rates, state_rates, unblocked
 from .base import Hazard, checked_radars, with_others
 from .rate_kernels import LANES
+from .zones import Zone, zone_rates
 
 
 def regular(squared_distance: Expr, core_radius: Expr = CORE_RADIUS) -> Expr:
@@ -52,21 +53,24 @@ class KernelHazard(Hazard):
     Parameters
     ----------
     radars : k pairs (x, y)
-        Positions of the sources of the hazard; at least one.
+        Positions of the sources of the hazard; at least one, unless there are zones.
     strengths : k positive floats, optional
         Factor of every radar; 1 by default.
     core_radius : float, keyword only
         Distance below which kernels are regularised, in units of length; 0.01 by default. That of
         a scenario is ``hazard.core_radius``.
+    zones : tuple of Zone, keyword only
+        Regions that endanger those who enter them.
     """
 
     radars: tuple[tuple[float, float], ...]
     strengths: tuple[float, ...] | None = None
     core_radius: float = field(default=CORE_RADIUS, kw_only=True)
+    zones: tuple[Zone, ...] = field(default=(), kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radars", checked_radars(self.radars))
-        if not self.radars:
+        if not self.radars and not self.zones:
             raise HazardError(
                 "radars are empty; expected (k, 2), k >= 1", key="radars", value=self.radars
             )
@@ -104,10 +108,19 @@ class KernelHazard(Hazard):
     def combine(self, source: Expr, density: Expr, collision: Expr) -> Expr:
         """Rate of a member from its three sums."""
 
+    def zone(self, east: Expr, north: Expr) -> Expr:
+        """Sum over the zones at a point, which adds to that over the radars."""
+        return zone_rates(self.zones, east, north)
+
     @property
     def radar_positions(self) -> FloatArray:
         """Positions of the radars, shape (k, 2)."""
-        return np.array(self.radars, dtype=float)
+        return np.array(self.radars, dtype=float).reshape(-1, 2)
+
+    @property
+    def landmarks(self) -> FloatArray:
+        """Positions (k + z, 2) of the radars, and the centres of the zones."""
+        return np.array([*self.radars, *(zone.center for zone in self.zones)]).reshape(-1, 2)
 
     @property
     def template(self) -> KernelHazard:
@@ -155,6 +168,9 @@ class KernelHazard(Hazard):
         return self.combine(self._sources(points), self.density(0.0), 0.0)
 
     def _sources(self, points: Expr) -> Expr:
+        zones = self.zone(points[0, :], points[1, :])
+        if not self.radars:
+            return zones
         radars = self.radar_positions
         column = ca.DM.ones(len(radars), 1)
         pairs = sum(
@@ -162,7 +178,9 @@ class KernelHazard(Hazard):
             ** 2
             for axis in (0, 1)
         )
-        return ca.mtimes(ca.DM(self.radar_strengths).T, _everywhere(self.source(pairs), pairs))
+        weights = ca.DM(self.radar_strengths).T
+        sources = ca.mtimes(weights, _everywhere(self.source(pairs), pairs))
+        return sources + zones if self.zones else sources
 
     def set_rates(self, positions: FloatArray, sets: BoolArray) -> FloatArray:
         """Rates (B, m, n) at positions (B, n, 2) in all sets (m, n)."""

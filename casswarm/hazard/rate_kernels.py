@@ -19,8 +19,8 @@ Two: TypeAlias = tuple[float, float]
 LANES = 32
 """Positions of the swarm in a block, for which an operation is done before the next one."""
 
-COLLIDES = True
-"""Stands for whether members collide."""
+COLLIDES = HAS_ZONES = True
+"""Stand for whether members collide, and whether there are zones."""
 
 FIRST_RADAR = 2
 """Stands for the place of the first radar in the constants, after the parameters."""
@@ -35,10 +35,13 @@ source = density = collision = stand_in
 Functions of the squared distance and the parameters.
 """
 
+zone = stand_in
+"""Sum over the zones at a position, (east, north, parameters), and its gradient."""
+
 combine = stand_in
 """Rate from its three sums and the parameters, and its gradient in the sums."""
 
-second_source = second_density = second_collision = second_combine = stand_in
+second_source = second_density = second_collision = second_combine = second_zone = stand_in
 """The same with second derivatives; those of the rate are the upper triangle by rows."""
 
 
@@ -52,9 +55,11 @@ def member_rate(
 ) -> tuple[float, float, float, float, float]:
     """Rate of a member, and times a factor its derivatives.
 
-    Those are half the gradient of the sum over radars, and the derivatives in the two other `sums`.
+    Those are half the gradient of the sum over radars and zones, and the derivatives in the two
+    other `sums`.
     """
-    risk, risk_east, risk_north = 0.0, 0.0, 0.0
+    risk, risk_east, risk_north = zone(position[0], position[1], parameters)
+    risk_east, risk_north = 0.5 * risk_east, 0.5 * risk_north
     for r in range(FIRST_RADAR, constants.size, 3):
         de, dn = position[0] - constants[r], position[1] - constants[r + 1]
         value, slope = source(de * de + dn * dn, parameters)
@@ -109,6 +114,9 @@ def write_block(
             for k in range(lanes):
                 de, dn = east[k] - radar_east, north[k] - radar_north
                 values_i[k] += strength * source(de * de + dn * dn, parameters)[0]
+        if HAS_ZONES:
+            for k in range(lanes):
+                values_i[k] += zone(east[k], north[k], parameters)[0]
     for k in range(n * lanes):
         values[k] = combine(values[k], densities[k], collisions[k], parameters)[0]
 

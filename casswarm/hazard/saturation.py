@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from .._util.threads import locked_cache
 from ..typing import Expr, FloatArray
@@ -19,6 +20,7 @@ from .rate_bounds import (
     pair_bounds,
     saturation_least_rates,
 )
+from .zones import zone_rates_below
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,8 @@ class Saturation(KernelHazard):
     D_i = sum over living j of 1 / (1 + alpha_3 ||x_i - x_j||^2), j = i included.
 
     Distances below `core_radius` are regularised (see `regular`): at a radar the rate is large and
-    finite. A single member has lambda-bar(x) = sum_l alpha_1 / (1 + alpha_2) / ||x - x_l||^2.
+    finite. A single member has lambda-bar(x) = sum_l alpha_1 / (1 + alpha_2) / ||x - x_l||^2, and
+    in addition the rates of the `zones`.
     """
 
     alpha_1: float = 4.0
@@ -57,6 +60,10 @@ class Saturation(KernelHazard):
         """The density h, and with it the protection, decreases with distance."""
         return True
 
+    def zone(self, east: Expr, north: Expr) -> Expr:
+        """Zones have the rate that they state for a single agent, and are saturated as radars."""
+        return (1.0 + self.alpha_2) * super().zone(east, north)
+
     def combine(self, source: Expr, density: Expr, collision: Expr) -> Expr:
         """S / (1 + alpha_2 D) + C, equation (8)."""
         return source / (1.0 + self.alpha_2 * density) + collision
@@ -68,7 +75,8 @@ class Saturation(KernelHazard):
         least = least_inverse_squares(
             lower, upper, self.radar_positions, self.radar_strengths, self.core_radius
         )
-        return self._unit_rate * least
+        of_zones = sum((zone.least_rates(lower, upper) for zone in self.zones), np.zeros(()))
+        return np.asarray(self._unit_rate * least + of_zones)
 
     def single_agent_rates_below(
         self, east: FloatArray, north: FloatArray, spacing: float
@@ -79,7 +87,7 @@ class Saturation(KernelHazard):
         below = inverse_squares_below(
             *(east, north, spacing), self.radar_positions, self.radar_strengths, self.core_radius
         )
-        return self._unit_rate * below
+        return zone_rates_below(self.zones, (east, north, spacing), self._unit_rate * below)
 
     def least_rate(self, n: int) -> LeastRate | None:
         """Lower bound of a member's rate, at the best compromise of saturation and collisions."""

@@ -192,6 +192,9 @@ class PlanTree:
     def _plan(self, branch: Branch, path: Path) -> Branch:
         """A plan for the survivors; the rest of the previous one if that is at least as good."""
         step, members = path[-1]
+        remaining = branch.remaining(step, members)
+        if not len(remaining) or len(members) < self.scenario.success.arrivals:
+            return branch
         start, initial_velocities = branch.state(step, members)
         steps = self.scenario.n_steps
         quarter = -(-steps // _HORIZONS)
@@ -202,7 +205,6 @@ class PlanTree:
         if self.scenario.hazard.changes:
             form = replace(form, first=step)
         problem = JointProblem(self.scenario, task, form)
-        remaining = branch.remaining(step, members)
         arrivals = first_arrivals(self.scenario, problem.positions(remaining))
         solver = self.solver or stage_solver("auto", self.scenario.hazard, form, ITERATIONS)
         (outcome,) = problem.solve([InitialGuess("survivors", arrivals, remaining)], solver)

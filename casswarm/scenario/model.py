@@ -18,18 +18,9 @@ from .._util.numbers import CORE_FRACTION
 from .._util.text import counted, shown
 from .._util.user_code import USER_ERRORS
 from ..typing import FloatArray
-from .sections import (
-    Changes,
-    FormationOptions,
-    GuideOptions,
-    HazardTable,
-    Success,
-    Swarm,
-    Target,
-    Time,
-    annotated,
-    toml_text,
-)
+from .hazard_table import HazardTable
+from .sections import Changes, FormationOptions, GuideOptions, Success, Swarm, Target, Time
+from .toml_text import annotated, toml_text
 from .validation import (
     NO_SUCH_KEY,
     PARAMETER_PREFIX,
@@ -326,7 +317,9 @@ class Scenario(Displayed, Table):
         These are points (m, 2); the map has a margin around them.
         """
         center = np.asarray(self.target.center)[None]
-        points = np.vstack([*contents, center, self.hazard.radar_positions, *self._radar_paths])
+        zones = [zone.corners for zone in self.hazard_table.zone]
+        radars = self.hazard.radar_positions.reshape(-1, 2), *self._radar_paths
+        points = np.vstack([*contents, center, *radars, *zones])
         low, high = points.min(axis=0), points.max(axis=0)
         pad = _MAP_PAD * float(np.max(high - low)) + self.target.radius
         return low - pad, high + pad
@@ -393,6 +386,7 @@ def _problems(
     yield from _reach_problems(scenario.swarm, scenario.target, scenario.time)
     yield from _margin_problems(scenario.guide, scenario.target)
     yield from _collision_problems(scenario.target, scenario.hazard_table)
+    yield from _zone_problems(scenario)
     yield from _custom_hazard_problems(scenario, folder, allow_code)
 
 
@@ -401,7 +395,10 @@ def doubts(scenario: Scenario) -> Iterator[str]:
     hazard, target = scenario.hazard_table, scenario.target
     for first, second in _equal_points(hazard.radars):  # radars in time may take turns
         yield f"hazard.radars[{first}] and [{second}] are the same point: their rates are added"
-    for k, inside in enumerate(target.contains(scenario.hazard.radar_positions)):
+    for k, zone in enumerate(hazard.zone):
+        if zone.contains(target.center):
+            yield f"hazard.zone[{k}] contains the target's centre, where members must arrive"
+    for k, inside in enumerate(target.contains(scenario.hazard.radar_positions.reshape(-1, 2))):
         if inside:
             yield f"hazard.radars[{k}] lies in the target zone, where members must arrive"
     if hazard.beta_1 is not None:
@@ -502,6 +499,19 @@ def _collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:
             f"members that touch exceeds 1e{_MAX_DECADE}; lower one of them, or raise "
             f"hazard.core_radius = {core:g}"
         )
+
+
+def _zone_problems(scenario: Scenario) -> Iterator[str]:
+    """Members that start in a zone."""
+    for k, table in enumerate(scenario.hazard_table.zone):
+        if any(table.problems("")):
+            continue  # which are reported by the table
+        for i, position in enumerate(scenario.swarm.positions):
+            if table.contains(position):
+                yield (
+                    f"hazard.zone[{k}] contains swarm.positions[{i}] = {as_text(list(position))}; "
+                    "members must start outside: move one of them"
+                )
 
 
 def _custom_hazard_problems(

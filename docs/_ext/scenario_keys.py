@@ -17,7 +17,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from casswarm.scenario import Scenario, builtin_scenarios, load_scenario
-from casswarm.scenario.sections import CONSTANTS
+from casswarm.scenario.hazard_table import CONSTANTS
 from casswarm.scenario.validation import allowed, element_table, fields, subtable
 
 HEAD = ("Key", "Allowed", "Default", "Meaning")

@@ -85,6 +85,15 @@ def test_joint_plan_has_its_exact_law(k: int, objective: str) -> None:
         assert again.low >= law.low - 1e-9
 
 
+def test_replanning_ends_with_the_plan_and_with_too_few_members() -> None:
+    """A run may go on after the end of the plan, where those that are left do not suffice."""
+    one = needing(3).replace(time={"t_f": ONE.time.t_f + 3 * ONE.time.dt})
+    plan = csw.plan_swarm(one)
+    assert len(plan.positions) - 1 <= one.n_steps
+    law = csw.evaluate(one, "joint-replanning", 0.0).success
+    assert law.low >= plan.success.low - 1e-12
+
+
 def test_more_arrivals_are_less_likely_for_every_policy_and_bound() -> None:
     guide = csw.plan(ONE)
     for name in ("naive", "leader-mpc-2", "constrained-feedback"):

@@ -88,8 +88,13 @@ def image(
     """The scenario with its axes mapped, moved by `shift`, and its members in another order."""
     members = scenario.positions if order is None else scenario.positions[order]
     velocity = scenario.swarm.velocity
+
+    def mapped(points: Array) -> Array:
+        return np.asarray(points) @ matrix.T + shift
+
     return scenario.with_values(
         {
+            "hazard.zone": [zone.mapped(mapped) for zone in scenario.hazard_table.zone],
             "swarm.positions": members @ matrix.T + shift,
             "swarm.velocity": velocity if velocity == "guide" else matrix @ np.array(velocity),
             "target.center": matrix @ np.array(scenario.target.center) + shift,

@@ -4,7 +4,7 @@ const SVG = "http://www.w3.org/2000/svg";
 
 /** An element with attributes (functions are listeners) and children. */
 function make(tag, attributes = {}, ...children) {
-  const vector = ["svg", "g", "circle", "path", "polyline", "text", "title"].includes(tag);
+  const vector = ["svg", "g", "circle", "path", "polyline", "polygon", "text", "title"].includes(tag);
   const element = vector ? document.createElementNS(SVG, tag) : document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name, value);

@@ -17,12 +17,13 @@ class MapView {
     this.guide = make("polyline", { class: "csw-guide" });
     this.run = make("g", { class: "csw-run" });
     this.paths = make("g", { class: "csw-paths" });
-    this.zone = make("circle", { class: "csw-zone" });
+    this.zones = make("g", { class: "csw-zones" });
+    this.target = make("circle", { class: "csw-disc" });
     this.points = make("g");
     this.svg = make(
       "svg",
       { role: "group", "aria-label": "Map: target, radars and members" },
-      this.zone, this.paths, this.guide, this.run, this.points,
+      this.zones, this.target, this.paths, this.guide, this.run, this.points,
     );
     this.element = make("div", { class: "csw-map" }, this.canvas, this.svg);
     this.marks = new Map();
@@ -95,7 +96,8 @@ class MapView {
     this.painted = painted;
     const scale = this.size / (this.frame.high[0] - this.frame.low[0]);
     const [x, y] = this.toPixels(this.position("target 0", scene));
-    place(this.zone, { cx: x, cy: y, r: scene.target.radius * scale });
+    place(this.target, { cx: x, cy: y, r: scene.target.radius * scale });
+    this.zones.replaceChildren(...scene.zones.map((zone) => this.drawn(zone, scale)));
     if (guide) {
       this.guide.setAttribute("points", guide.positions.map((p) => this.toPixels(p).join()).join(" "));
       this.guide.classList.toggle("csw-stale", !guide.current);
@@ -109,6 +111,13 @@ class MapView {
     }
     this.paths.replaceChildren();
     for (const name of names) this.drawPoint(name, scene);
+  }
+
+  /** The region of a zone. */
+  drawn({ vertices, radius }, scale) {
+    const corners = vertices.map((corner) => this.toPixels(corner));
+    if (corners.length > 1) return make("polygon", { points: corners.map((corner) => corner.join()).join(" ") });
+    return make("circle", { cx: corners[0][0], cy: corners[0][1], r: radius * scale });
   }
 
   /** Draw the path of a radar, and the radar fainter where it is not active. */
