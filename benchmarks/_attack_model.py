@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class Rates:
     tracks: tuple[Radar, ...] = ()
     dt: float = 0.0
     zones: tuple[ZoneTable, ...] = ()
+    parts: int = 1
 
     @classmethod
     def from_scenario(cls, scenario: csw.Scenario) -> Rates:
@@ -44,9 +45,10 @@ class Rates:
         return cls(
             *(radars, strengths, alpha, beta, float(core)),
             *(tuple(table.radar), scenario.time.dt, tuple(table.zone)),
+            scenario.time.substeps,
         )
 
-    def after(self, step: int) -> Rates:
+    def after(self, step: float) -> Rates:
         """Rates with all radars where they are, and as strong as they are, after a step."""
         if not self.tracks:
             return self
@@ -64,11 +66,20 @@ class Rates:
             strengths.append(track.strength * on)
         return replace(self, radars=np.array(radars), strengths=np.array(strengths), tracks=())
 
+    def over(self, step: int, before: np.ndarray, after: np.ndarray, *alive: np.ndarray) -> Any:
+        """Rates of a step, means over its parts: of members if some are `alive`, else single."""
+        total = 0.0
+        for k in range(1, self.parts + 1):
+            share = k / self.parts
+            rates, points = self.after(step + share), (1 - share) * before + share * after
+            total = total + (rates.members(points, *alive) if alive else rates.single(points))
+        return total / self.parts
+
     def along(self, path: np.ndarray) -> np.ndarray:
-        """Rates (T,) of a single agent at the positions (T, 2) of the steps 1 to T."""
-        if not self.tracks:
-            return self.single(path)
-        return np.array([self.after(step).single(x) for step, x in enumerate(path, 1)])
+        """Rates (T,) of a single agent in the steps of a path (T + 1, 2)."""
+        if not self.tracks and self.parts == 1:
+            return self.single(path[1:])
+        return np.array([self.over(t, *path[t : t + 2]) for t in range(len(path) - 1)])
 
     def single(self, points: np.ndarray) -> np.ndarray:
         """Rates (...) of a single agent at points (..., 2)."""
@@ -145,7 +156,7 @@ def enumerate_chain(
             return end(alive, mass)
         velocities = policy.velocities(step, x, v, alive)
         following = x + dt * velocities
-        survival = np.exp(-dt * rates.after(step + 1).members(following, alive))
+        survival = np.exp(-dt * rates.over(step, x, following, alive))
         inside = np.hypot(*(following - center).T) <= radius
         living = np.flatnonzero(alive)
         for lives in itertools.product([True, False], repeat=len(living)):

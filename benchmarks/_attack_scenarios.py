@@ -34,6 +34,8 @@ def draw(
         rng.choice(np.array(EXTREMES, object))(rng, data)
     if rng.random() < 0.2:
         data["hazard"]["zone"] = _zones(rng, data)
+    if rng.random() < 0.15:
+        data["time"]["substeps"] = int(rng.integers(2, 5))
     if rng.random() < 0.2:
         data["success"] = {"arrivals": int(rng.integers(1, len(data["swarm"]["positions"]) + 1))}
     try:

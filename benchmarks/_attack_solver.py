@@ -101,6 +101,8 @@ def _objective(scenario: csw.Scenario):
         source, density, collision = ca.SX(0), ca.SX(1), ca.SX(0)
         for radar, strength in zip(rates.radars, rates.strengths, strict=True):
             source += rates.alpha[0] * strength / core(ca.sumsqr(following[:, i] - radar))
+        for zone in scenario.hazard_table.regions:
+            source += (1 + rates.alpha[1]) * zone.rates(following[0, i], following[1, i])
         for j in range(n):
             if j != i:
                 squared = ca.sumsqr(following[:, i] - following[:, j])

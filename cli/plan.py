@@ -30,10 +30,12 @@ from .options import (
 from .output import show_log
 
 if TYPE_CHECKING:
+    from ..guide.passes import Pass
     from ..results.folder import ResultsFolder
 
 
 _MAX_CLASSES = 6  # that are printed; candidates.csv has them all
+_MOST_PARTS = 20  # of a step, that are recommended
 
 
 def plan_text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | None) -> str:
@@ -56,7 +58,28 @@ def plan_text(scenario: csw.Scenario, guide: csw.Guide, baseline: csw.Guide | No
         lines.append("the solver did not converge: this is its best iterate, not a minimum")
     else:
         lines += _limits(scenario, guide)
+    lines += _passed_radar(scenario, guide)
     return "\n".join(lines)
+
+
+def _passed_radar(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
+    """A warning if steps are so long that risk within them counts."""
+    from ..guide import coarsest_pass
+
+    found = coarsest_pass(scenario, guide.positions)
+    if found is not None:
+        part = "step" if scenario.time.substeps == 1 else "part of a step"
+        yield (
+            f"warning: step {found.step} passes radar {found.radar} at a distance of "
+            f"{found.distance:.3g} in a {part} of length {found.length:.3g}, and rates count at "
+            f"its end only: time.substeps = {_needed_parts(scenario, found)} counts the way, too"
+        )
+
+
+def _needed_parts(scenario: csw.Scenario, found: Pass) -> int:
+    """Number of parts of a step of which none is longer than half the distance."""
+    parts = 2 * scenario.time.substeps * found.length / max(found.distance, 1e-300)
+    return math.ceil(min(parts, _MOST_PARTS))
 
 
 def _limits(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
@@ -114,6 +137,8 @@ def _certificate(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[str]:
             f"or {remaining}"
         )
     yield gap
+    if scenario.time.substeps > 1:
+        yield "the bound ignores a_max, and lets paths turn and arrive after every part of a step"
     if proof.gap > 0.01:
         yield f"the bound is not within 1 %: {proof.reason}"
 

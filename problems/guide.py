@@ -13,7 +13,9 @@ The paper writes *min* exp(-sum) + gamma d, which has a wrong sign: survival is 
 the risk, minus its logarithm, is the better scaled objective. V(-1) is a parameter, and the change
 from it has its own limit, infinite if the guide may start with any velocity.
 
-Where rates depend on time, lambda-bar(X(t)) is that of the radars after t steps.
+Where rates depend on time, lambda-bar(X(t)) is that of the radars after t steps. With m substeps it
+is the mean of the rates at m points of the straight line from X(t-1) to X(t), of which X(t) is the
+last.
 
 One program with `horizon` steps serves every arrival step T <= horizon: the risk of the steps after
 T has weight zero, and their velocities are fixed at zero.
@@ -56,8 +58,10 @@ UNROLL = 3000
 
 
 @locked_cache(maxsize=16)
-def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
+def guide_nlp(hazard: Hazard, horizon: int, substeps: int = 1) -> Nlp:
     """The program above for arrival at any step up to `horizon`.
+
+    Where there are `substeps`, ``hazard.after`` counts them.
 
     Positions are relative to the start; units are steps and lengths of a step at v_max, because
     solvers' tolerances are absolute and a solve must not depend on the scenario's units.
@@ -67,21 +71,26 @@ def guide_nlp(hazard: Hazard, horizon: int) -> Nlp:
     center, initial_velocity = ca.MX.sym("center", 2), ca.MX.sym("initial_velocity", 2)
     weights, origin = ca.MX.sym("weights", 1, horizon), ca.MX.sym("origin", 2)
     length, clock = ca.MX.sym("length"), ca.MX.sym("clock")
-    points = ca.repmat(origin, 1, horizon) + length * X
     previous = ca.horzcat(ca.DM.zeros(2), X[:, :-1])
+    parts = [X if k == substeps else previous + k / substeps * (X - previous)
+             for k in range(1, substeps + 1)]  # fmt: skip
+    points = ca.reshape(ca.vertcat(*parts), 2, substeps * horizon)
+    rates = hazard.expression_along(ca.repmat(origin, 1, substeps * horizon) + length * points)
+    if substeps > 1:
+        rates = ca.sum1(ca.reshape(rates, substeps, horizon)) / substeps
     change = V - ca.horzcat(initial_velocity, V[:, :-1])
     symbols = initial_velocity, center, weights, origin, length, clock
     return Nlp(
-        name=f"guide[{horizon}]",
+        name=f"guide[{horizon}]" if substeps == 1 else f"guide[{horizon}, {substeps}]",
         variables={"positions": X, "velocities": V},
         parameters={symbol.name(): symbol for symbol in symbols},
-        objective=ca.dot(weights, clock * hazard.expression_along(points)),
+        objective=ca.dot(weights, clock * rates),
         constraints={
             "dynamics": X - previous - V,
             "acceleration": ca.sum1(change**2),
             "arrival": ca.sumsqr(X[:, -1] - center),
         },
-        unroll=horizon * max(1, len(hazard.radar_positions)) <= UNROLL,
+        unroll=substeps * horizon * max(1, len(hazard.radar_positions)) <= UNROLL,
     )
 
 

@@ -317,7 +317,7 @@ def best_multiplier(task: Relaxation) -> float:
 def _rounding(task: Relaxation, spacing: float) -> float:
     """Bound on the relative rounding error of a node's risk: docs/two-members.md."""
     far = np.abs([task.start, task.center]).max() + task.radius + task.steps * task.step
-    operations = 8 * len(task.hazard.radar_positions) + 256
+    operations = 8 * len(task.hazard.after(0).landmarks) + 256
     return float(UNIT * (operations + 64 * far / spacing))
 
 

@@ -174,7 +174,8 @@ def _bound(
     risks = lowest_risks(among, scenario.positions, max_nodes)
     failure = _ROUND_DOWN * _fewer_than(scenario.success.arrivals, risks)
     method, limited = CLOCKS, False
-    if scenario.n > 1 and max_work > 0:
+    # within a step the lost protect to its end, which the game does not know
+    if scenario.n > 1 and max_work > 0 and scenario.time.substeps == 1:
         effort = Effort(_GAME_NODES * max_nodes, max_work, accuracy, started + time_limit)
         game = game_bound(task, scenario.positions, _multiplier(task), effort)
         limited = game.limited

@@ -198,7 +198,8 @@ def first_program(
 
 def require_pair(scenario: Scenario) -> None:
     """Raise PlanningError unless a scenario has two members and rates with bounds for pairs."""
-    require_default(scenario, "success.arrivals", "the optimal value of two members")
+    for key in ("success.arrivals", "time.substeps"):
+        require_default(scenario, key, "the optimal value of two members")
     if scenario.n != 2:
         reason = (
             f"the optimal value is computed for two members; {scenario.name!r} has {scenario.n}"

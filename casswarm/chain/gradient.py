@@ -79,9 +79,8 @@ def success_and_gradient(
         target are absorbed. Rounding to a lattice is differentiated as if it were none.
     """
     scenario, gradient = expansion.scenario, np.zeros_like(policy.parameters)
-    require_default(
-        scenario, "success.arrivals", "the gradient of success in a policy's parameters"
-    )
+    for key in ("success.arrivals", "time.substeps"):
+        require_default(scenario, key, "the gradient of success in a policy's parameters")
     absorption = partial(_absorption, scenario, arrival_smoothing)
     layers, residual = expansion.layers(lambda move: absorption(move)[0])
     after = Values(*np.zeros((2, 0)), *np.zeros((2, 0, scenario.n, 2)))

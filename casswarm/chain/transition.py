@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from .._util.numbers import SPEED_TOL
 from ..compiled.kernels import contiguous
 from ..errors import PolicyError
+from ..hazard import subdivided
 from ..motion.planar import PlanarSets
 from ..motion.step import Motion
 from ..policies.base import Policy, checked_velocities
@@ -258,13 +259,21 @@ def transition(
     return Transition(
         velocities=velocities,
         positions=following,
-        survival=np.exp(
-            -scenario.time.dt * scenario.hazard.after(step + 1).rates(following, alive)
-        ),
+        survival=np.exp(-scenario.time.dt * _rates(scenario, step, positions, following, alive)),
         inside=scenario.target.contains(following),
         arrivals=scenario.success.arrivals,
         counts=dict(zip(COUNTS, counts, strict=True)),
     )
+
+
+def _rates(
+    scenario: Scenario, step: int, before: FloatArray, after: FloatArray, alive: BoolArray
+) -> FloatArray:
+    """Rates (B, n) of a step from positions (B, n, 2) to others: means over its parts."""
+    parts = scenario.time.substeps
+    hazard, path = scenario.by_parts.hazard, subdivided(np.stack([before, after]), parts)
+    rates = [hazard.after(parts * step + k).rates(path[k], alive) for k in range(1, parts + 1)]
+    return rates[0] if parts == 1 else np.asarray(np.mean(rates, axis=0))
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -36,6 +36,7 @@ from ..hazard.compiled_rates import CompiledRates, compiled_rates
 from ..motion.step import Motion
 from ..policies.observation import Observation
 from ..scenario import Scenario, load_scenario
+from ..scenario.variations import require_default
 from ..typing import BoolArray, FloatArray
 from . import step_kernels
 from .step_kernels import RiskTable
@@ -99,6 +100,7 @@ class SwarmBatch:
                 value=discount,
             )
         self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        require_default(self.scenario, "time.substeps", "casswarm.envs")
         self.size, self.discount = int(size), discount
         if guide is None and observe_guide:
             guide = plan(self.scenario, certify=False)

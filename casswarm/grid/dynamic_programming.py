@@ -170,7 +170,7 @@ def rounding(stage_costs: StageCosts, risk: float, interpolated: bool = False) -
         In the unit of the costs, a risk.
     """
     grid, task = stage_costs.grid, stage_costs.grid.task
-    operations = 4 * len(grid.blocks) + 8 * len(task.hazard.radar_positions) + 256
+    operations = 4 * len(grid.blocks) + 8 * len(task.hazard.after(0).landmarks) + 256
     wide = task.radius + task.steps * task.step
     far = np.maximum(np.abs(task.start), np.abs(task.center)).max() + wide
     core_radius = getattr(task.hazard.after(1), "core_radius", 0.0)

@@ -233,6 +233,8 @@ def multilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> F
 class Relaxation:
     """A scenario's guide problem with the speed limit, the horizon and the target only.
 
+    With ``time.substeps``, its steps are the parts of the scenario's.
+
     Without acceleration limits and arrival margin, with the excess of speed that the chain allows,
     and with the rest rounded outwards: a lower bound for all guides of the relaxation is one for
     all guides of the scenario, and for every member of a swarm.
@@ -265,6 +267,7 @@ class Relaxation:
     @classmethod
     def from_scenario(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
         """Relaxation of a scenario's guide problem, from its guide's start or from `start` (2,)."""
+        scenario = scenario.by_parts
         begin = scenario.guide_start if start is None else np.asarray(start, float)
         center = np.asarray(scenario.target.center, float)
         v_max, dt = scenario.swarm.v_max, scenario.time.dt

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..errors import PlanningError
 from ..scenario import Scenario
 from ..scenario.scenario_files import require_scenario
+from ..scenario.variations import require_default
 from ..typing import BoolArray, FloatArray
 from .dynamic_programming import StageCosts, Values, costs_to_go, rounding
 from .nodes import ANYWHERE, Grid, NodeBlock, Relaxation, box_extremum, multilinear, node_count
@@ -69,6 +70,7 @@ class ValueFunction:
             value function is not complete after `time_limit` seconds.
         """
         require_scenario("ValueFunction.from_scenario", scenario)
+        require_default(scenario, "time.substeps", "the value function")
         deadline = time.monotonic() + time_limit
         grid = value_grid(scenario, max_nodes)
         lower = StageCosts(grid) if certified and grid.task.bounded else None

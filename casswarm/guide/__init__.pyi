@@ -1,6 +1,7 @@
 from .frame import Frame
 from .guide import Candidate, Guide
 from .multistart import GridPath, Multistart, best_homotopy_classes, homotopy_signature
+from .passes import coarsest_pass
 from .plan import certify_guide, initial_velocities, plan_baseline, plan_from
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "Multistart",
     "best_homotopy_classes",
     "certify_guide",
+    "coarsest_pass",
     "homotopy_signature",
     "initial_velocities",
     "plan_baseline",

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._util.display import Displayed
 from .._util.numbers import rounded_up
-from ..hazard import Hazard
+from ..hazard import Hazard, mean_rates_along
 from ..motion.kinematics import integrate
 from ..nlp.solution import Solution, Status
 from ..problems.guide import GuideTask
@@ -71,7 +71,7 @@ class Guide(Displayed):
     velocities : (T, 2)
         V(0..T-1).
     rates : (T,)
-        lambda-bar(X(1..T)) per unit time.
+        lambda-bar(X(1..T)) per unit time; means over the parts of every step, if it has several.
     dt : float
     center : (2,)
         The target's centre, which the swarm aims at after step T.
@@ -114,13 +114,14 @@ class Guide(Displayed):
         best: Candidate,
         candidates: tuple[Candidate, ...] = (),
         search: Search = "local",
+        substeps: int = 1,
     ) -> Guide:
-        """The guide along the path of the candidate `best`."""
+        """The guide along the path of the candidate `best`; ``hazard.after`` counts substeps."""
         positions = integrate(task.start, best.velocities, task.dt)
         return cls(
             positions=positions,
             velocities=best.velocities,
-            rates=hazard.rates_along(positions[1:]),
+            rates=mean_rates_along(hazard, positions, substeps),
             dt=task.dt,
             center=task.center,
             arrives=bool(np.isfinite(best.risk)),

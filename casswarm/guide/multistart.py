@@ -33,6 +33,7 @@ from ..problems.guide import (
     penalised_guide_nlp,
 )
 from ..scenario import Scenario
+from ..scenario.variations import require_default
 from ..solvers import Ipopt, Solver
 from ..solvers.base import VIOLATION
 from ..typing import FloatArray, Progress, Search
@@ -267,7 +268,7 @@ class Multistart:
             relaxation = replace(relaxation, radius=self.task.radius)
             for path in best_homotopy_classes(relaxation, 2 if is_long else _MAX_CLASSES):
                 starts[_name(path)] = path.velocities
-                steps[_name(path)] = self._steps_near(path.arrival)
+                steps[_name(path)] = self._steps_near(self.arrival_of(path))
             steps[STRAIGHT] = self._coarse_steps(1 if is_long else 3)
         outcomes: dict[str, list[Candidate]] = {}
         for name, start in starts.items():
@@ -278,6 +279,10 @@ class Multistart:
                 self._report(name, " (arrival time)")
                 self._refine(name, starts[name], outcomes[name])
         return [candidate for candidates in outcomes.values() for candidate in candidates]
+
+    def arrival_of(self, path: GridPath) -> int:
+        """Step of the scenario in which a grid path arrives: the grid's are parts of steps."""
+        return -(-path.arrival // self.scenario.time.substeps)
 
     def candidates_along(self, path: GridPath, steps: Iterable[int]) -> list[Candidate]:
         """Outcomes of the start along a grid path, at the feasible ones of the arrival steps."""
@@ -298,6 +303,7 @@ class Multistart:
 
     def penalised(self) -> Candidate:
         """Outcome of the paper's penalised form, from the straight line over all steps."""
+        require_default(self.scenario, "time.substeps", "the paper's penalised form")
         task = replace(self.task, radius=self.scenario.target.radius)
         steps = self.scenario.n_steps
         nlp = penalised_guide_nlp(self.scenario.hazard, steps)
@@ -320,7 +326,8 @@ class Multistart:
             self._report(name, detail)
 
     def _solve(self, name: str, start: InitialPath, steps: Sequence[int]) -> Iterator[Candidate]:
-        nlp = guide_nlp(self.scenario.hazard, self.scenario.n_steps)
+        parts = self.scenario.by_parts.hazard, self.scenario.n_steps, self.scenario.time.substeps
+        nlp = guide_nlp(*parts)
         for number, arrival in enumerate(steps, 1):
             if self.expired:
                 return
@@ -342,7 +349,7 @@ class Multistart:
     def _scale(self, velocities: FloatArray) -> float:
         """Factor by which the risk of an initial path becomes `_SCALED_RISK`."""
         positions = integrate(self.task.start, velocities, self.task.dt)
-        risk = float(self.task.dt * self.scenario.hazard.rates_along(positions[1:]).sum())
+        risk = float(self.task.dt * self.scenario.rates_along(positions).sum())
         return _SCALED_RISK / risk if 0 < risk < np.inf else 1.0
 
     def _refine(self, name: str, start: InitialPath, outcomes: list[Candidate]) -> None:
@@ -388,7 +395,7 @@ class Multistart:
         if inside.any() and solution.residuals.violation <= VIOLATION:
             first = int(inside.argmax()) + 1
             velocities, positions = velocities[:first], positions[: first + 1]
-            risk = float(task.dt * hazard.rates_along(positions[1:]).sum())
+            risk = float(task.dt * self.scenario.rates_along(positions).sum())
         homotopy = homotopy_signature(positions, _radars_along(hazard, len(positions)))
         return Candidate(name, arrival, homotopy, velocities, risk, solution)
 

@@ -27,6 +27,7 @@ from ..bounds.risk_bound import GAP, Certificate, arrival_multiplier, certify
 from ..errors import CasswarmWarning, PlanningError, SolverError
 from ..formation import ProjectedGradient
 from ..grid.nodes import UNIT, Relaxation
+from ..hazard import subdivided
 from ..motion.kinematics import integrate
 from ..problems.guide import GuideTask
 from ..scenario import FormationOptions, GuideOptions, Scenario
@@ -50,8 +51,9 @@ def certify_guide(
     The first bound, on the risk of all paths that obey the speed limit, is compared with the best
     known one: the guide itself, or what Ipopt reaches from the best homotopy classes. If it is not
     within `gap` of the guide's risk, and the guide obeys limits of acceleration, the second bound
-    is for the paths that obey them, too. The `deadline` is a time of `time.monotonic`; by default
-    the proof takes at most 10 seconds.
+    is for the paths that obey them, too. With ``time.substeps`` there is only the first, of paths
+    that may turn and arrive after every part of a step. The `deadline` is a time of
+    `time.monotonic`; by default the proof takes at most 10 seconds.
 
     Scenarios that differ by quarter turns and mirrors have the same bounds, for the same guide.
     """
@@ -67,6 +69,7 @@ def certify_guide(
     smaller_target = scenario.arrival_margin > 1e-5 * task.radius
     if limited or smaller_target or guide.search != "global":
         paths += _relaxed_paths(scenario, task, math.inf if deadline is None else deadline)
+    paths = [subdivided(path, scenario.time.substeps) for path in paths]
     risks = [task.dt * float(task.rates_along(path[1:]).sum()) for path in paths]
     best = int(np.argmin(risks))
     left = _TIME_LIMIT if deadline is None else max(0.0, deadline - time.monotonic())
@@ -93,8 +96,10 @@ def _relaxed_paths(scenario: Scenario, task: Relaxation, deadline: float) -> lis
     multistart = Multistart(scenario, free, make_solver("ipopt"), deadline=deadline)
     candidates: list[Candidate] = []
     for path, shifts in zip(best_homotopy_classes(task, 2), ((-1, 0, 1), (0,)), strict=False):
-        candidates += multistart.candidates_along(path, [path.arrival + shift for shift in shifts])
-    return [integrate(task.start, c.velocities, task.dt) for c in candidates if np.isfinite(c.risk)]
+        arrival = multistart.arrival_of(path)
+        candidates += multistart.candidates_along(path, [arrival + shift for shift in shifts])
+    dt = scenario.time.dt
+    return [integrate(task.start, c.velocities, dt) for c in candidates if np.isfinite(c.risk)]
 
 
 def _obeyed_limits(scenario: Scenario, guide: Guide) -> AccelerationLimits | None:
@@ -104,6 +109,8 @@ def _obeyed_limits(scenario: Scenario, guide: Guide) -> AccelerationLimits | Non
     """
     if np.isinf(scenario.guide_a_max) or guide.solution.solver == ProjectedGradient.name:
         return None
+    if scenario.time.substeps > 1:
+        return None  # the bound is proven for steps without parts
     limits = acceleration_limits(scenario)
     changes = np.hypot(*np.diff(guide.positions, 2, axis=0).T)
     first = np.hypot(*(guide.positions[1] - guide.positions[0] - limits.displacement))
@@ -359,7 +366,8 @@ def plan_from(
         )
     first = candidates.index(min(candidates, key=preference))
     outcomes = tuple(map(frame.inverse.candidate_to, candidates))
-    guide = Guide.from_candidate(scenario.hazard, task, outcomes[first], outcomes, kind)
+    parts = scenario.by_parts.hazard, scenario.time.substeps
+    guide = Guide.from_candidate(parts[0], task, outcomes[first], outcomes, kind, parts[1])
     if not multistart.expired:
         return guide
     solves = counted(len(candidates), "solve")

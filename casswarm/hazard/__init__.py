@@ -1,7 +1,7 @@
 """Destruction rates of members: kernels, the paper's two hazards, and custom ones."""
 
 from .array_rates import LocalRates, blocked, radar_table, set_rates, unblocked
-from .base import Hazard
+from .base import Hazard, mean_rates_along, subdivided
 from .compiled_rates import compiled_rates, rate_module
 from .custom import CustomHazard
 from .in_time import HazardInTime, RadarTrack
@@ -23,9 +23,11 @@ __all__ = [
     "Zone",
     "blocked",
     "compiled_rates",
+    "mean_rates_along",
     "radar_table",
     "rate_module",
     "regular",
     "set_rates",
+    "subdivided",
     "unblocked",
 ]

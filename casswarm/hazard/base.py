@@ -321,3 +321,27 @@ def with_others(points: FloatArray, positions: FloatArray) -> FloatArray:
     """States (B, 1 + n, 2) of a member at each of the points (B, 2) and others at (n, 2)."""
     others = np.broadcast_to(positions, (len(points), *positions.shape))
     return np.concatenate([points[:, None], others], axis=1)
+
+
+def subdivided(path: FloatArray, parts: int) -> FloatArray:
+    """Points (parts T + 1, ...) of a path (T+1, ...), straight between its own."""
+    if parts == 1 or len(path) < 2:
+        return path
+    shares = np.arange(1, parts + 1).reshape(-1, *[1] * (path.ndim - 1)) / parts
+    points = path[:-1, None] + shares * np.diff(path, axis=0)[:, None]
+    points[:, -1] = path[1:]
+    return np.concatenate([path[:1], points.reshape(-1, *path.shape[1:])])
+
+
+def mean_rates_along(
+    hazard: Hazard, positions: FloatArray, substeps: int = 1, step: int = 0
+) -> FloatArray:
+    """Single-agent rates (T, ...) of the steps of paths (T+1, ..., 2) that begin at a step.
+
+    Those at the end of every step; where it has several parts, which ``hazard.after`` counts, the
+    means over them.
+    """
+    rates = hazard.rates_along(subdivided(positions, substeps)[1:], substeps * step)
+    if substeps == 1:
+        return rates
+    return np.asarray(rates.reshape(-1, substeps, *rates.shape[1:]).mean(axis=1))

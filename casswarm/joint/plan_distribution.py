@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..grid.nodes import UNIT
+from ..hazard import subdivided
 from ..problems.joint import terminal_costs
 from ..problems.member_sets import subsets
+from ..scenario.variations import require_default
 from ..typing import BoolArray, FloatArray, IntArray, Interval
 from .set_kernels import recursion
 
@@ -156,8 +158,12 @@ def loss_probabilities(scenario: Scenario, positions: FloatArray, step: int = 0)
 
     `positions` are (..., N+1, n, 2), from `step` on.
     """
-    after, members = positions[..., 1:, :, :], subsets(positions.shape[-2]).members
-    rates = scenario.hazard.set_rates_along(after, members, step)
+    parts, members = scenario.time.substeps, subsets(positions.shape[-2]).members
+    path = np.moveaxis(subdivided(np.moveaxis(positions, -3, 0), parts), 0, -3)
+    hazard = scenario.by_parts.hazard
+    rates = hazard.set_rates_along(path[..., 1:, :, :], members, parts * step)
+    if parts > 1:
+        rates = rates.reshape(*rates.shape[:-3], -1, parts, *rates.shape[-2:]).mean(axis=-3)
     return np.asarray(-np.expm1(-scenario.time.dt * rates))
 
 
@@ -212,6 +218,7 @@ def likely_sets(scenario: Scenario, positions: FloatArray, max_sets: int = MAX_S
 
     Equal probabilities are treated alike: all of them are followed, or none.
     """
+    require_default(scenario, "time.substeps", "the distribution of more than ten members")
     steps, n = len(positions) - 1, positions.shape[1]
     inside = scenario.target.contains(positions[1:])
     masks, masses = np.array([(1 << n) - 1], np.int64), np.ones(1)

@@ -455,6 +455,7 @@ def _require_few(scenario: Scenario) -> None:
             f"{MOST_PLANNED}: use the policies leader or constrained",
             members=scenario.n,
         )
+    require_default(scenario, "time.substeps", "a joint plan")
     if scenario.n > MAX_EXACT:
         require_default(
             scenario, "success.arrivals", f"a joint plan of more than {MAX_EXACT} members"

@@ -250,6 +250,25 @@ class Scenario(Displayed, Table):
             values["time.t_f"] = dt * (steps + 0.5)
         return self.with_values(values)
 
+    @cached_property
+    def by_parts(self) -> Scenario:
+        """The scenario whose steps are the parts of its steps; itself without ``time.substeps``.
+
+        Its members may change their velocities after every part, within any limit, so what no path
+        or policy exceeds there, none exceeds here.
+        """
+        parts = self.time.substeps
+        return self if parts == 1 else self.with_values({"time.substeps": 1}).refined(parts)
+
+    def rates_along(self, positions: FloatArray, step: int = 0) -> FloatArray:
+        """Single-agent rates (T, ...) of the steps of paths (T+1, ..., 2) that begin at a step.
+
+        Those at the end of every step; with ``time.substeps``, their means over its parts.
+        """
+        from ..hazard import mean_rates_along
+
+        return mean_rates_along(self.by_parts.hazard, positions, self.time.substeps, step)
+
     def with_hazard(
         self,
         function: str | Callable[..., Any],
@@ -453,6 +472,11 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
     if time.steps > _MAX_STEPS:
         yield f"{horizon}, {time.steps:g} steps; at most {_MAX_STEPS} are allowed, raise dt"
         return
+    if time.steps * time.substeps > _MAX_STEPS:
+        yield (
+            f"time.substeps is {time.substeps} in each of {counted(time.steps, 'step')}; at most "
+            f"{_MAX_STEPS} parts are allowed in all, lower it"
+        )
     start = np.array(swarm.positions[swarm.central_member])
     distance = _axis_distance(start, target)
     step = time.dt * swarm.v_max

@@ -82,6 +82,11 @@ class Time(Table):
 
     dt: Positive = Field(description="Length of a step, in units of time.")
     t_f: Positive = Field(description="Time at which a run ends at the latest, in units of time.")
+    substeps: Count = Field(
+        1,
+        description="Number of equal parts of a step, at whose ends the rates are evaluated: the "
+        "risk of a step is their mean. Members fly straight within a step.",
+    )
 
     @property
     def steps(self) -> int:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 import pytest
+from brute_force import commanded, law_by_hand, success_of
 from env_cases import outcomes
 from small_scenarios import small
 
@@ -22,33 +23,13 @@ def needing(k: int) -> csw.Scenario:
     return ONE.replace(success={"arrivals": k})
 
 
-def law(one: csw.Scenario, policy: csw.Policy, k: int) -> float:
-    """Success by recursion over all losses, from the equations."""
-
-    def success(step: int, x: np.ndarray, v: np.ndarray, alive: np.ndarray) -> float:
-        if step == one.n_steps or not alive.any():
-            return 0.0
-        command = policy.velocities(step, x, v, alive)
-        following = x + one.time.dt * command
-        survival = np.exp(-one.time.dt * one.hazard.rates(following, alive))
-        distance = np.hypot(*(following - one.target.center).T)
-        total = 0.0
-        for each in product(*[(True, False) if a else (False,) for a in alive]):
-            kept = np.array(each)
-            weight = np.where(kept, survival, 1 - survival)[alive].prod()
-            arrived = (kept & (distance <= one.target.radius)).sum() >= k
-            total += weight * (arrived or success(step + 1, following, command, kept))
-        return total
-
-    return success(0, one.positions, np.tile(one.swarm.velocity, (one.n, 1)), np.ones(one.n, bool))
-
-
 @pytest.mark.parametrize("k", [1, 2, 3])
 @pytest.mark.parametrize("name", ["leader", "constrained"])
 def test_success_is_that_of_a_recursion_of_the_equations(name: str, k: int) -> None:
     one = needing(k)
     policy = csw.make_policy(name, one)
-    expected = law(one, policy, k)
+    start = np.tile(one.swarm.velocity, (one.n, 1))
+    expected = success_of(law_by_hand(one, start, commanded(one, policy)))
     assert 0.01 < expected < 0.99
     exact = csw.evaluate(one, policy, 1e-9, aggregation_tol=0.0).success
     assert exact.low == pytest.approx(expected, abs=1e-8)
