@@ -34,8 +34,8 @@ def risk(rng: Rng) -> Iterator[Check]:
         "random": list(_random_paths(rng, scenario)),
         "Ipopt": list(_ipopt_paths(rng, scenario)),
     }
-    value = None
-    if scenario.time.substeps == 1:
+    value, plain = None, scenario.time.substeps == 1 and not scenario.target.other
+    if plain:
         value = csw.ValueFunction.from_scenario(scenario, 200_000)
         found["feedback"] = [_feedback_path(scenario, value)]
     known = [v for part in found.values() for v in part if np.isfinite(paths.risk(v))]
@@ -54,7 +54,8 @@ def risk(rng: Rng) -> Iterator[Check]:
             yield from _along(paths, value, velocities)
         yield _ordered(rng, scenario, value)
     yield from _guide_limits(scenario, guide)
-    yield from acceleration(rng, scenario, guide)
+    if not scenario.target.other:
+        yield from acceleration(rng, scenario, guide)
 
 
 def _guide_limits(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[Check]:
@@ -93,6 +94,12 @@ def _along(paths: _Paths, value: csw.ValueFunction, velocities: np.ndarray) -> I
         yield Check("risk to go", low - to_go, limit, f"step {step}: {low!r} > {to_go!r}")
 
 
+def _arrived(scenario: csw.Scenario, position: np.ndarray) -> bool:
+    """Whether a point is in one of the target zones."""
+    discs = [scenario.target, *scenario.target.other]
+    return any(np.hypot(*(position - disc.center)) <= disc.radius for disc in discs)
+
+
 class _Paths:
     """Risk of velocity sequences up to the first arrival, by the model's equations."""
 
@@ -108,7 +115,7 @@ class _Paths:
         for velocity in np.clip(velocities, -self.limit, self.limit)[: scenario.n_steps]:
             position = position + scenario.time.dt * velocity
             positions.append(position)
-            if scenario.target.distances(position) <= scenario.target.radius:
+            if _arrived(scenario, position):
                 path = np.array(positions)
                 return path, scenario.time.dt * self.rates.along(path)
         return np.array(positions[:1]), np.zeros(0)
@@ -122,7 +129,7 @@ class _Paths:
 def _random_paths(rng: Rng, scenario: csw.Scenario) -> Iterator[np.ndarray]:
     """Paths towards the target with noise, among them full speed in every component."""
     dt, v_max, steps = scenario.time.dt, scenario.swarm.v_max * _SPEED, scenario.n_steps
-    center = np.array(scenario.target.center)
+    center = np.array(rng.choice([disc.center for disc in scenario.target.discs]))
     noise = 10 ** rng.uniform(-2, 0.5, size=(_PATHS, 1)) * v_max
     x = np.tile(scenario.guide_start, (_PATHS, 1))
     velocities = np.empty((steps, _PATHS, 2))
@@ -140,7 +147,7 @@ def _random_paths(rng: Rng, scenario: csw.Scenario) -> Iterator[np.ndarray]:
 def _ipopt_paths(rng: Rng, scenario: csw.Scenario) -> Iterator[np.ndarray]:
     """Local optima for some arrival steps from random starts, without acceleration limits."""
     dt, v_max, table = scenario.time.dt, scenario.swarm.v_max, scenario.hazard_table
-    rates, target = Rates.from_scenario(scenario).after(1), scenario.target
+    rates, target = Rates.from_scenario(scenario).after(1), rng.choice(scenario.target.discs)
     starts = list(_random_paths(rng, scenario))
     for _ in range(2):
         steps = int(rng.integers(1, scenario.n_steps + 1)) if rng.random() < 0.5 else 0
@@ -217,13 +224,14 @@ def success(rng: Rng) -> Iterator[Check]:
     clocks = csw.success_bound(scenario, nodes, max_work=0)
     yield Check("success, never above clocks", bound.value - clocks.value, 0.0, f"{bound} {clocks}")
     yield Check("success, certified", float(not bound.certified))
+    plain = scenario.time.substeps == 1 and not scenario.target.other
     if scenario.n <= 6:
         best = _climbed(rng, scenario)
         detail = f"{best!r} > {bound.value!r} ({bound.method})"
         yield Check("success, climbed plans", best - bound.value, 1e-13, detail)
-        if scenario.n == 2 and scenario.success.arrivals == scenario.time.substeps == 1:
+        if scenario.n == 2 and plain and scenario.success.arrivals == 1:
             yield from _pairs(scenario, best)
-    if scenario.time.substeps == 1:
+    if plain:
         value = csw.ValueFunction.from_scenario(scenario, 100_000, certified=False)
         best = csw.as_policy(lambda t, x, _v, _a: value.velocities(t, x), name="value function")
         yield _below(scenario, best, bound)
@@ -248,7 +256,7 @@ def _pairs(scenario: csw.Scenario, best: float) -> Iterator[Check]:
 def _climbed(rng: Rng, scenario: csw.Scenario) -> float:
     """Exact success of an open-loop plan after a random ascent from straight lines."""
     reach = scenario.time.dt * scenario.swarm.v_max
-    toward = np.array(scenario.target.center) - scenario.positions
+    toward = np.array(rng.choice([d.center for d in scenario.target.discs])) - scenario.positions
     moves = np.repeat(np.clip(toward / scenario.n_steps, -reach, reach)[None], scenario.n_steps, 0)
     best, scale = -1.0, 0.3 * reach
     for _ in range(3 * _CLIMBS):
@@ -275,7 +283,7 @@ def _below(scenario: csw.Scenario, policy: object, bound: csw.SuccessBound) -> C
 def joint(rng: Rng) -> Iterator[Check]:
     """Claim 8: a joint plan is what it states, within its limits and `success_bound`."""
     scenario = in_time(rng, draw(rng, members=(1, 3), steps=(2, 8)))
-    scenario = scenario.replace(time={"substeps": 1})
+    scenario = scenario.replace(time={"substeps": 1}, target={"other": ()})
     plan = csw.plan_swarm(scenario, seed=int(rng.integers(1000)), time_limit=10.0)
     assert plan.distribution is not None
     assert plan.success is not None

@@ -144,7 +144,7 @@ def enumerate_chain(
     """The chain's distribution by recursion over all losses, state by state, equation (1)."""
     rates, n, steps = Rates.from_scenario(scenario), scenario.n, scenario.n_steps
     dt = scenario.time.dt
-    center, radius = np.array(scenario.target.center), scenario.target.radius
+    targets = [scenario.target, *scenario.target.other]
     outcomes = Outcomes(np.zeros(steps + 1), np.zeros(n + 1), np.zeros(n))
 
     def end(alive: np.ndarray, mass: float) -> None:
@@ -157,7 +157,8 @@ def enumerate_chain(
         velocities = policy.velocities(step, x, v, alive)
         following = x + dt * velocities
         survival = np.exp(-dt * rates.over(step, x, following, alive))
-        inside = np.hypot(*(following - center).T) <= radius
+        distances = [np.hypot(*(following - each.center).T) - each.radius for each in targets]
+        inside = np.min(distances, axis=0) <= 0
         living = np.flatnonzero(alive)
         for lives in itertools.product([True, False], repeat=len(living)):
             after = np.zeros(n, bool)

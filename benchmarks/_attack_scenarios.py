@@ -36,6 +36,8 @@ def draw(
         data["hazard"]["zone"] = _zones(rng, data)
     if rng.random() < 0.15:
         data["time"]["substeps"] = int(rng.integers(2, 5))
+    if rng.random() < 0.15:
+        data["target"]["other"] = [_other_target(rng, data)]
     if rng.random() < 0.2:
         data["success"] = {"arrivals": int(rng.integers(1, len(data["swarm"]["positions"]) + 1))}
     try:
@@ -149,6 +151,15 @@ def _zones(rng: Rng, data: Data) -> list[Data]:
     return zones
 
 
+def _other_target(rng: Rng, data: Data) -> Data:
+    """A target zone as far from the start as the first one, in another direction."""
+    start, target = np.mean(data["swarm"]["positions"], axis=0), data["target"]
+    angle = rng.uniform(0.1, 2 * math.pi - 0.1)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    center = start + rng.uniform(0.5, 1.2) * turn @ (target["center"] - start)
+    return {"center": center, "radius": target["radius"] * 10 ** rng.uniform(-0.5, 0.5)}
+
+
 def _guide(rng: Rng) -> Data:
     guide: Data = {
         "search": "global" if rng.random() < 0.8 else "local",
@@ -253,6 +264,10 @@ EXTREMES: tuple[Callable[[Rng, Data], None], ...] = (
 )  # fmt: skip
 
 
+_TABLES = ("hazard", "radar"), ("hazard", "zone"), ("target", "other")
+"""Keys of lists of tables."""
+
+
 def data_of(scenario: csw.Scenario) -> Data:
     """The tables of a scenario, with lists of points as arrays."""
     data = scenario.model_dump(by_alias=True, exclude_none=True)
@@ -260,10 +275,10 @@ def data_of(scenario: csw.Scenario) -> Data:
     data["hazard"]["radars"] = np.array(data["hazard"]["radars"])
     data["hazard"].pop("parameters", None)
     data["target"]["center"] = np.array(data["target"]["center"])
-    for key in ("radar", "zone"):
-        data["hazard"][key] = [
+    for part, key in _TABLES:
+        data[part][key] = [
             {name: v if np.isscalar(v) else np.array(v) for name, v in table.items()}
-            for table in data["hazard"].get(key, ())
+            for table in data[part].get(key, ())
         ]
     if data["swarm"].get("velocity", "guide") != "guide":
         data["swarm"]["velocity"] = np.array(data["swarm"]["velocity"])
@@ -310,10 +325,10 @@ def _with_tables(data: Data, units: tuple[float, float, float]) -> Data:
     powers |= {"path": scale, "active": time, "rate": 1 / time}
     powers |= dict.fromkeys(["center", "vertices"], scale[1:])
     powers |= dict.fromkeys(["radius", "edge"], scale[1])
-    for key in ("radar", "zone"):
-        data["hazard"][key] = [
+    for part, key in _TABLES:
+        data[part][key] = [
             {name: v * powers.get(name, 1) for name, v in table.items()}
-            for table in data["hazard"].get(key, ())
+            for table in data[part].get(key, ())
         ]
     return data
 
@@ -326,10 +341,8 @@ def moved(data: Data, matrix: np.ndarray, shift: np.ndarray) -> Data:
     image["target"]["center"] = image["target"]["center"][0]
     if isinstance(velocity := data["swarm"].get("velocity"), np.ndarray):
         image["swarm"]["velocity"] = velocity @ matrix.T
-    for key in ("radar", "zone"):
-        image["hazard"][key] = [
-            _moved(table, matrix, shift) for table in data["hazard"].get(key, ())
-        ]
+    for part, key in _TABLES:
+        image[part][key] = [_moved(table, matrix, shift) for table in data[part].get(key, ())]
     return image
 
 

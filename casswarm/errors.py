@@ -70,10 +70,12 @@ class ScenarioError(CasswarmError, ValueError):
     """An invalid scenario; the message names the file, every invalid key and its allowed values.
 
     The attributes `key`, `value` and `allowed` are those of the first problem, `problems` has them
-    all, and `file` is the path of a scenario file. `function` is the name of a hazard's function.
+    all, and `file` is the path of a scenario file. `function` is the name of a hazard's function,
+    and `part` what does not treat the value of a key.
     """
 
     problems: tuple[Any, ...] = ()
+    part: str | None = None
     file: Path | None = None
     function: str | None = None
     min_distance: float | None = None

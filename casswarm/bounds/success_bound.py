@@ -162,20 +162,22 @@ def _bound(
     scenario: Scenario, max_nodes: int, max_work: float, accuracy: float, time_limit: float
 ) -> SuccessBound:
     started = time.monotonic()
-    task = Relaxation.from_scenario(scenario)
-    among = replace(task, least=task.hazard.least_rate(scenario.n))
-    if among.least is None or not task.bounded:
+    discs, least = scenario.target.discs, scenario.hazard.least_rate(scenario.n)
+    tasks = [Relaxation.from_scenario(scenario, target=disc) for disc in discs]
+    task, among = tasks[0], [replace(each, least=least) for each in tasks]
+    if least is None or not task.bounded:
         kind = type(task.hazard.after(1)).__name__
         reason = (
             f"{kind} does not provide the least rate of a member among {scenario.n}; "
             "Saturation and SaturationCollision do"
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
-    risks = lowest_risks(among, scenario.positions, max_nodes)
+    risks = np.min([lowest_risks(a, scenario.positions, max_nodes) for a in among], axis=0)
     failure = _ROUND_DOWN * _fewer_than(scenario.success.arrivals, risks)
     method, limited = CLOCKS, False
-    # within a step the lost protect to its end, which the game does not know
-    if scenario.n > 1 and max_work > 0 and scenario.time.substeps == 1:
+    # the game has one target, and does not know that those lost within a step protect to its end
+    plain = scenario.time.substeps == len(discs) == 1
+    if scenario.n > 1 and max_work > 0 and plain:
         effort = Effort(_GAME_NODES * max_nodes, max_work, accuracy, started + time_limit)
         game = game_bound(task, scenario.positions, _multiplier(task), effort)
         limited = game.limited

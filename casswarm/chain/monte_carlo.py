@@ -323,8 +323,7 @@ class Chain:
 
 def _outside(scenario: Scenario, positions: FloatArray, alive: BoolArray) -> FloatArray:
     """Distances (S,) of the nearest living members from the target zone; NaN where none lives."""
-    target = scenario.target
-    outside = np.where(alive, np.maximum(target.distances(positions) - target.radius, 0.0), np.inf)
+    outside = np.where(alive, scenario.target.outside(positions), np.inf)
     nearest = outside.min(axis=1)
     return np.where(np.isfinite(nearest), nearest, np.nan)
 

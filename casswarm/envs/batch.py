@@ -100,7 +100,8 @@ class SwarmBatch:
                 value=discount,
             )
         self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-        require_default(self.scenario, "time.substeps", "casswarm.envs")
+        for key in ("time.substeps", "target.other"):
+            require_default(self.scenario, key, "casswarm.envs")
         self.size, self.discount = int(size), discount
         if guide is None and observe_guide:
             guide = plan(self.scenario, certify=False)

@@ -61,8 +61,8 @@ class HazardMap:
     @classmethod
     def around(cls, scenario: Scenario, guide: Guide) -> HazardMap:
         """Map that holds the members, the target, the radars, the zones and the guide."""
-        center, radius = np.asarray(scenario.target.center), scenario.target.radius
-        target = center + radius * np.array([[-1, -1], [1, 1]])
+        square, discs = np.array([[-1, -1], [1, 1]]), scenario.target.discs
+        target = np.vstack([np.asarray(disc.center) + disc.radius * square for disc in discs])
         table = scenario.hazard_table
         landmarks = np.reshape(table.starts, (-1, 2)), *(zone.corners for zone in table.zone)
         points = np.vstack([scenario.positions, target, *landmarks, guide.positions])

@@ -217,6 +217,7 @@ def _scene(session: Session) -> Message:
         "strengths": [*strengths, *(radar.strength for radar in table.radar)],
         "tracks": [None] * len(table.radars) + [_track(scenario, each) for each in table.radar],
         "zones": [{"vertices": z.vertices, "radius": z.radius} for z in table.regions],
+        "others": [{"vertices": [d.center], "radius": d.radius} for d in scenario.target.other],
         "target": {"center": scenario.target.center, "radius": scenario.target.radius},
         "parameters": [asdict(item) | {"value": value(scenario, item.key)} for item in listed],
         "choices": [

@@ -189,11 +189,12 @@ def add_landmarks(
     in_time: bool = True,
 ) -> None:
     """Draw target, zones and radars; those in time after a step, unless not `in_time`."""
-    center, radius = scenario.target.center, scenario.target.radius
-    target = Circle(center, radius, facecolor="white", edgecolor=INK, hatch="////", label="target")
-    axes.add_patch(target).set_zorder(2)
+    for k, disc in enumerate(scenario.target.discs):
+        style: dict[str, Any] = {"facecolor": "white", "edgecolor": INK, "hatch": "////"}
+        style["label"] = "_" if k else "target"
+        axes.add_patch(Circle(disc.center, disc.radius, **style)).set_zorder(2)
     for k, zone in enumerate(scenario.hazard_table.zone):
-        style: dict[str, Any] = {"facecolor": "none", "edgecolor": radars, "lw": scaled(1.1)}
+        style = {"facecolor": "none", "edgecolor": radars, "lw": scaled(1.1)}
         style |= {"hatch": "xx", "hatch_linewidth": 0.4, "label": "_" if k else "zone"}
         region = Circle(zone.center, zone.radius, **style) if zone.center else None
         axes.add_patch(region or Polygon(zone.corners, **style)).set_zorder(2)

@@ -17,6 +17,7 @@ from ..hazard import Hazard
 from ..hazard.rate_bounds import LeastRate
 from ..motion.kinematics import remaining_distance
 from ..scenario import Scenario
+from ..scenario.sections import Disc
 from ..typing import BoolArray, FloatArray, IntArray
 from .extremum_kernels import LANES, running_extremum
 
@@ -265,11 +266,17 @@ class Relaxation:
     least: LeastRate | None = None
 
     @classmethod
-    def from_scenario(cls, scenario: Scenario, start: FloatArray | None = None) -> Relaxation:
-        """Relaxation of a scenario's guide problem, from its guide's start or from `start` (2,)."""
+    def from_scenario(
+        cls, scenario: Scenario, start: FloatArray | None = None, target: Disc | None = None
+    ) -> Relaxation:
+        """Relaxation of a scenario's guide problem, from its guide's start or from `start` (2,).
+
+        To its first target zone, or to another one.
+        """
         scenario = scenario.by_parts
         begin = scenario.guide_start if start is None else np.asarray(start, float)
-        center = np.asarray(scenario.target.center, float)
+        target = scenario.target if target is None else target
+        center = np.asarray(target.center, float)
         v_max, dt = scenario.swarm.v_max, scenario.time.dt
         step = v_max * dt
         extent = float(np.abs([begin, center]).max() + scenario.n_steps * step)
@@ -278,7 +285,7 @@ class Relaxation:
             hazard=scenario.hazard,
             start=np.array(begin),
             center=center,
-            radius=scenario.target.radius * (1 + rounding) + rounding * extent,
+            radius=target.radius * (1 + rounding) + rounding * extent,
             step=step * (1 + SPEED_TOL + rounding) + rounding * extent,
             speed=v_max * (1 + SPEED_TOL - rounding),
             steps=scenario.n_steps,

@@ -70,7 +70,8 @@ class ValueFunction:
             value function is not complete after `time_limit` seconds.
         """
         require_scenario("ValueFunction.from_scenario", scenario)
-        require_default(scenario, "time.substeps", "the value function")
+        for key in ("time.substeps", "target.other"):
+            require_default(scenario, key, "the value function")
         deadline = time.monotonic() + time_limit
         grid = value_grid(scenario, max_nodes)
         lower = StageCosts(grid) if certified and grid.task.bounded else None

@@ -57,6 +57,8 @@ def certify_guide(
 
     Scenarios that differ by quarter turns and mirrors have the same bounds, for the same guide.
     """
+    if scenario.target.other:
+        return _certified_for_all(scenario, guide, gap, deadline)
     frame = Frame.of_agent(scenario, guide.positions[0], guide.velocities[0])
     scenario = frame.scenario_in(scenario)
     guide = frame.guide_to(guide)
@@ -83,6 +85,28 @@ def certify_guide(
         deadline = time.monotonic() + _TIME_LIMIT - certificate.seconds
     accelerated = _accelerated(scenario, guide, task, limits, certificate.bound, gap, deadline)
     return replace(certificate, accelerated=accelerated)
+
+
+def _certified_for_all(
+    scenario: Scenario, guide: Guide, gap: float, deadline: float | None
+) -> Certificate | None:
+    """The certificate of the target zone with the least bound, as `certify_guide`.
+
+    The guide that is compared is the given one: a bound above its risk shows that no path to a
+    target zone is better.
+    """
+    until = time.monotonic() + _TIME_LIMIT if deadline is None else deadline
+    velocity, certificates = scenario.swarm.velocity, []
+    initial = None if velocity == "guide" else velocity
+    for number, one in enumerate(scenario.by_target):
+        left = max(0.0, until - time.monotonic()) / (len(scenario.by_target) - number)
+        limits = {"initial_velocity": initial, "time_limit": max(left, 1e-3)}
+        own = plan_from(one, guide.positions[0], search="global", **limits)
+        certificate = certify_guide(one, own, gap, time.monotonic() + left) if own.arrives else None
+        if certificate is None:
+            return None
+        certificates.append(certificate)
+    return min(certificates, key=lambda each: each.risk_bound)
 
 
 def _relaxed_paths(scenario: Scenario, task: Relaxation, deadline: float) -> list[FloatArray]:
@@ -338,6 +362,18 @@ def plan_from(
     PlanningError
         The time limit has passed before the first solve.
     """
+    if scenario.target.other:
+        return _nearest_of_all(
+            scenario,
+            start,
+            solver,
+            search=search,
+            initial_velocity=initial_velocity,
+            near=near,
+            solver_options=solver_options,
+            time_limit=time_limit,
+            progress=progress,
+        )
     deadline = time.monotonic() + time_limit
     task = GuideTask.from_scenario(scenario, start, initial_velocity)
     backend = papers_solver(scenario, solver, scenario.guide, solver_options, keep="best")
@@ -373,6 +409,36 @@ def plan_from(
     solves = counted(len(candidates), "solve")
     note = f"the time limit of {time_limit:g} s ended the search after {solves}"
     return replace(guide, note=note)
+
+
+def _nearest_of_all(
+    scenario: Scenario,
+    start: ArrayLike,
+    solver: str | Solver,
+    *,
+    near: Guide | None,
+    **options: Any,
+) -> Guide:
+    """The best guide of those to each target zone, as `plan_from`, with its candidates only."""
+    options["time_limit"] /= len(scenario.by_target)
+    guides = []
+    for one in scenario.by_target:
+        same = near if near is not None and tuple(near.center) == one.target.center else None
+        guides.append(plan_from(one, start, solver, near=same, **options))
+    best = min(guides, key=lambda guide: (not guide.arrives, guide.risk))
+    inside = scenario.target.contains(best.positions[1:])
+    first = int(inside.argmax()) + 1 if inside.any() else best.arrival
+    if first == best.arrival:
+        return best
+    positions = best.positions[: first + 1]  # which crosses another target zone
+    arrived = [disc for disc in scenario.target.discs if disc.contains(positions[-1])]
+    return replace(
+        best,
+        positions=positions,
+        velocities=best.velocities[:first],
+        rates=best.rates[:first],
+        center=np.array(arrived[0].center),
+    )
 
 
 def guide_solver(solver: str | Solver) -> str:

@@ -455,7 +455,8 @@ def _require_few(scenario: Scenario) -> None:
             f"{MOST_PLANNED}: use the policies leader or constrained",
             members=scenario.n,
         )
-    require_default(scenario, "time.substeps", "a joint plan")
+    for key in ("time.substeps", "target.other"):
+        require_default(scenario, key, "a joint plan")
     if scenario.n > MAX_EXACT:
         require_default(
             scenario, "success.arrivals", f"a joint plan of more than {MAX_EXACT} members"

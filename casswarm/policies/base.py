@@ -249,7 +249,7 @@ def is_own(policy: Policy) -> bool:
 def require_guide_of(scenario: Scenario, guide: Guide) -> None:
     """Raise PolicyError for a guide to another target than the scenario's, or in other steps."""
     target, dt = scenario.target.center, scenario.time.dt
-    if guide.dt != dt or tuple(guide.center) != target:
+    if guide.dt != dt or tuple(guide.center) not in [d.center for d in scenario.target.discs]:
         raise PolicyError(
             f"this guide leads to {tuple(guide.center)} in steps of {guide.dt}, but the scenario "
             f"{scenario.name!r} has its target at {target} and dt {dt}: plan a guide for this "

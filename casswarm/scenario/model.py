@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, cast
@@ -19,7 +19,7 @@ from .._util.text import counted, shown
 from .._util.user_code import USER_ERRORS
 from ..typing import FloatArray
 from .hazard_table import HazardTable
-from .sections import Changes, FormationOptions, GuideOptions, Success, Swarm, Target, Time
+from .sections import Changes, Disc, FormationOptions, GuideOptions, Success, Swarm, Target, Time
 from .toml_text import annotated, toml_text
 from .validation import (
     NO_SUCH_KEY,
@@ -73,6 +73,15 @@ class Scenario(Displayed, Table):
         default_factory=FormationOptions, description="Options of the formation problem."
     )
     _context: dict[str, Any] = PrivateAttr({})  # folder and allow_code of `from_data`
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_one_target(cls, data: Any) -> Any:
+        """Several tables [[target]] as one with others."""
+        targets = data.get("target") if isinstance(data, dict) else None
+        if isinstance(targets, list) and targets and isinstance(targets[0], dict):
+            data = data | {"target": {**targets[0], "other": targets[1:]}}
+        return data
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Scenario:
@@ -260,6 +269,22 @@ class Scenario(Displayed, Table):
         parts = self.time.substeps
         return self if parts == 1 else self.with_values({"time.substeps": 1}).refined(parts)
 
+    @cached_property
+    def by_target(self) -> tuple[Scenario, ...]:
+        """The scenario with each of the target zones that the guide can reach; itself if one."""
+        if not self.target.other:
+            return (self,)
+        discs = self.target.discs
+        return tuple(self._toward(d) for d in discs if _in_reach(self.swarm, self.time, d))
+
+    def _toward(self, disc: Disc) -> Scenario:
+        """The scenario with one of its target zones only."""
+        values: dict[str, object] = {"target.center": disc.center, "target.radius": disc.radius}
+        values["target.other"] = None
+        if not self.hazard_table.is_custom:
+            values["hazard.core_radius"] = core_radius(self.target, self.hazard_table)
+        return self.with_values(values)
+
     def rates_along(self, positions: FloatArray, step: int = 0) -> FloatArray:
         """Single-agent rates (T, ...) of the steps of paths (T+1, ..., 2) that begin at a step.
 
@@ -335,7 +360,7 @@ class Scenario(Displayed, Table):
 
         These are points (m, 2); the map has a margin around them.
         """
-        center = np.asarray(self.target.center)[None]
+        center = np.array([disc.center for disc in self.target.discs])
         zones = [zone.corners for zone in self.hazard_table.zone]
         radars = self.hazard.radar_positions.reshape(-1, 2), *self._radar_paths
         points = np.vstack([*contents, center, *radars, *zones])
@@ -352,8 +377,10 @@ class Scenario(Displayed, Table):
 
     def _data(self) -> dict[str, Any]:
         data = self.model_dump(by_alias=True, exclude_none=True)
-        hazard = data["hazard"].items()
-        return data | {"hazard": {key: value for key, value in hazard if value not in ((), {})}}
+        for name in ("target", "hazard"):
+            given = data[name].items()
+            data[name] = {key: value for key, value in given if value not in ((), {})}
+        return data
 
     def _values(self) -> tuple[object, ...]:
         return tuple(getattr(self, name) for name in type(self).model_fields)
@@ -404,6 +431,7 @@ def _problems(
     yield from _start_problems(scenario.swarm, scenario.target, scenario.hazard_table)
     yield from _reach_problems(scenario.swarm, scenario.target, scenario.time)
     yield from _margin_problems(scenario.guide, scenario.target)
+    yield from _overlaps(scenario.target)
     yield from _collision_problems(scenario.target, scenario.hazard_table)
     yield from _zone_problems(scenario)
     yield from _custom_hazard_problems(scenario, folder, allow_code)
@@ -477,13 +505,13 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
             f"time.substeps is {time.substeps} in each of {counted(time.steps, 'step')}; at most "
             f"{_MAX_STEPS} parts are allowed in all, lower it"
         )
-    start = np.array(swarm.positions[swarm.central_member])
-    distance = _axis_distance(start, target)
-    step = time.dt * swarm.v_max
-    if distance > time.steps * step * (1 + _ROUNDING):
+    start, step = np.array(swarm.positions[swarm.central_member]), time.dt * swarm.v_max
+    nearest = min(target.discs, key=partial(_axis_distance, start))
+    if not _in_reach(swarm, time, nearest):
+        distance = _axis_distance(start, nearest)
         needed = math.ceil(distance / step * (1 - _ROUNDING))
         yield (
-            f"target.center is {as_text(list(target.center))}, out of reach: from the guide's "
+            f"target.center is {as_text(list(nearest.center))}, out of reach: from the guide's "
             f"start {as_text(start.tolist())} the distance along an axis is {distance:.6g}, and "
             f"{counted(time.steps, 'step')} of dt * v_max = {step:.6g} cover "
             f"{time.steps * step:.6g}; the fastest path takes {counted(needed, 'step')}: raise "
@@ -491,7 +519,13 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
         )
 
 
-def _axis_distance(start: NDArray[np.float64], target: Target) -> float:
+def _in_reach(swarm: Swarm, time: Time, target: Disc) -> bool:
+    """True if the guide can arrive in a target zone in time, but for rounding."""
+    distance = _axis_distance(np.array(swarm.positions[swarm.central_member]), target)
+    return distance <= time.steps * time.dt * swarm.v_max * (1 + _ROUNDING)
+
+
+def _axis_distance(start: NDArray[np.float64], target: Disc) -> float:
     """Smallest r for which the square start + [-r, r]^2 meets the target zone.
 
     Velocities are bounded by component, so the set of reachable positions is a square.
@@ -504,12 +538,22 @@ def _axis_distance(start: NDArray[np.float64], target: Target) -> float:
 
 
 def _margin_problems(guide: GuideOptions, target: Target) -> Iterator[str]:
-    """A margin that is not smaller than the target zone."""
-    if guide.margin is not None and guide.margin >= target.radius:
+    """A margin that is not smaller than the target zones."""
+    least = min(disc.radius for disc in target.discs)
+    if guide.margin is not None and guide.margin >= least:
         yield (
-            f"guide.margin is {guide.margin:g}; it must be below target.radius = "
-            f"{target.radius:g}, or omit it"
+            f"guide.margin is {guide.margin:g}; it must be below target.radius = {least:g}, or "
+            "omit it"
         )
+
+
+def _overlaps(target: Target) -> Iterator[str]:
+    """Target zones that overlap, in which it is not clear what was meant."""
+    for second, disc in enumerate(target.other):
+        for first, earlier in enumerate(target.discs[: second + 1], -1):
+            if math.dist(disc.center, earlier.center) < disc.radius + earlier.radius:
+                name = "target" if first < 0 else f"target.other[{first}]"
+                yield f"target.other[{second}] overlaps {name}; move one of them, or remove it"
 
 
 def _collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:

@@ -13,6 +13,7 @@ from pydantic import Field
 from ..typing import LeaderSelection
 from .validation import Allowed, Boolean, Count, NotNegative, Number, Point, Positive, Table
 
+_MOST_TARGETS = 100
 _STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
 _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to rounding
 
@@ -51,11 +52,11 @@ class Swarm(Table):
         return int(np.argmax(distances <= distances.min() + tolerance))
 
 
-class Target(Table):
-    """Target zone Z, a closed disc; a member that is in it alive has arrived."""
+class Disc(Table):
+    """A closed disc."""
 
-    center: Point = Field(description="Centre [x, y] of the target zone, in units of length.")
-    radius: Positive = Field(description="Radius of the target zone, in units of length.")
+    center: Point = Field(description="Centre [x, y], in units of length.")
+    radius: Positive = Field(description="Radius, in units of length.")
 
     def distances(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distances of positions (..., 2) from the centre, shape (...)."""
@@ -63,8 +64,42 @@ class Target(Table):
         return np.asarray(np.hypot(offsets[..., 0], offsets[..., 1]))
 
     def contains(self, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Test if positions (..., 2) lie in the zone, shape (...)."""
+        """Test if positions (..., 2) lie in the disc, shape (...)."""
         return np.asarray(self.distances(positions) <= self.radius)
+
+
+class Target(Disc):
+    """Target zone Z, a closed disc or several; a member that is in one alive has arrived."""
+
+    center: Point = Field(description="Centre [x, y] of the target zone, in units of length.")
+    radius: Positive = Field(description="Radius of the target zone, in units of length.")
+    other: Annotated[
+        tuple[Disc, ...],
+        Field(max_length=_MOST_TARGETS),
+        Allowed(f"at most {_MOST_TARGETS} tables [[target.other]]"),
+    ] = Field(
+        (),
+        examples=[[{"center": [8.0, 6.0], "radius": 0.5}]],
+        description="Further target zones, a table for each: a member may arrive in any of them. "
+        "They may also be written as [[target]] more than once.",
+    )
+
+    @property
+    def discs(self) -> tuple[Disc, ...]:
+        """All target zones, the first one included."""
+        return Disc(center=self.center, radius=self.radius), *self.other
+
+    def contains(self, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Test if positions (..., 2) lie in any of the target zones, shape (...)."""
+        inside = super().contains(positions)
+        for disc in self.other:
+            inside |= disc.contains(positions)
+        return inside
+
+    def outside(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances of positions (..., 2) from the nearest target zone, 0 inside, shape (...)."""
+        distances = [disc.distances(positions) - disc.radius for disc in self.discs]
+        return np.maximum(np.min(distances, axis=0), 0.0)
 
 
 class Success(Table):

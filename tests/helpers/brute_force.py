@@ -47,13 +47,15 @@ def law_by_hand(
         x, previous = x * alive[:, None], previous * alive[:, None]
         following = move(step, x, previous, alive)
         survival = np.exp(-dt * rated(step, x, following, alive))
-        far = np.array([math.dist(point, scenario.target.center) for point in following])
+        targets = [(scenario.target.center, scenario.target.radius)]
+        targets += [(disc.center, disc.radius) for disc in scenario.target.other]
+        arrived = [any(math.dist(x, c) <= r for c, r in targets) for x in following]
         for fate in product((False, True), repeat=len(alive)):
             survivors = np.array(fate)
             if (survivors & ~alive).any():
                 continue
             mass = weight * np.prod(np.where(survivors, survival, 1 - survival)[alive])
-            inside = survivors & (far <= scenario.target.radius)
+            inside = survivors & arrived
             if inside.sum() >= scenario.success.arrivals:
                 law[step + 1, sum(fate)] += mass
             else:

@@ -24,6 +24,7 @@ VALUES = {
     "hazard.zone": {"hazard.zone": ZONE},
     "success.arrivals": {"success.arrivals": 2},
     "time.substeps": {"time.substeps": 2},
+    "target.other": {"target.other": [{"center": [0.2, 1.9], "radius": 0.4}]},
 }
 
 

@@ -18,12 +18,13 @@ class MapView {
     this.run = make("g", { class: "csw-run" });
     this.paths = make("g", { class: "csw-paths" });
     this.zones = make("g", { class: "csw-zones" });
+    this.others = make("g", { class: "csw-disc" }); // further target zones
     this.target = make("circle", { class: "csw-disc" });
     this.points = make("g");
     this.svg = make(
       "svg",
       { role: "group", "aria-label": "Map: target, radars and members" },
-      this.zones, this.target, this.paths, this.guide, this.run, this.points,
+      this.zones, this.others, this.target, this.paths, this.guide, this.run, this.points,
     );
     this.element = make("div", { class: "csw-map" }, this.canvas, this.svg);
     this.marks = new Map();
@@ -98,6 +99,7 @@ class MapView {
     const [x, y] = this.toPixels(this.position("target 0", scene));
     place(this.target, { cx: x, cy: y, r: scene.target.radius * scale });
     this.zones.replaceChildren(...scene.zones.map((zone) => this.drawn(zone, scale)));
+    this.others.replaceChildren(...scene.others.map((disc) => this.drawn(disc, scale)));
     if (guide) {
       this.guide.setAttribute("points", guide.positions.map((p) => this.toPixels(p).join()).join(" "));
       this.guide.classList.toggle("csw-stale", !guide.current);
