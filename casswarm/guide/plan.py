@@ -95,14 +95,19 @@ def _certified_for_all(
     The guide that is compared is the given one: a bound above its risk shows that no path to a
     target zone is better.
     """
-    until = time.monotonic() + _TIME_LIMIT if deadline is None else deadline
     velocity, certificates = scenario.swarm.velocity, []
-    initial = None if velocity == "guide" else velocity
-    for number, one in enumerate(scenario.by_target):
-        left = max(0.0, until - time.monotonic()) / (len(scenario.by_target) - number)
-        limits = {"initial_velocity": initial, "time_limit": max(left, 1e-3)}
-        own = plan_from(one, guide.positions[0], search="global", **limits)
-        certificate = certify_guide(one, own, gap, time.monotonic() + left) if own.arrives else None
+    initial, targets = None if velocity == "guide" else velocity, scenario.by_target
+    share = _TIME_LIMIT if deadline is None else max(0.0, deadline - time.monotonic())
+    share /= len(targets)  # for the search as for the proof, if there is a deadline
+    limit = math.inf if deadline is None else share / 2
+    for one in targets:
+        start, begun = guide.positions[0], time.monotonic()
+        try:
+            own = plan_from(one, start, search="global", initial_velocity=initial, time_limit=limit)
+        except PlanningError:  # the time is over
+            return None
+        until = (time.monotonic() if deadline is None else begun) + share
+        certificate = certify_guide(one, own, gap, until) if own.arrives else None
         if certificate is None:
             return None
         certificates.append(certificate)
