@@ -43,7 +43,7 @@ from numpy.typing import ArrayLike
 from .._util.threads import locked_cache
 from ..hazard import Hazard
 from ..nlp.program import Instances, Nlp
-from ..typing import FloatArray
+from ..typing import Expr, FloatArray
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -77,7 +77,8 @@ def guide_nlp(hazard: Hazard, horizon: int, substeps: int = 1) -> Nlp:
     points = ca.reshape(ca.vertcat(*parts), 2, substeps * horizon)
     rates = hazard.expression_along(ca.repmat(origin, 1, substeps * horizon) + length * points)
     if substeps > 1:
-        rates = ca.sum1(ca.reshape(rates, substeps, horizon)) / substeps
+        total: Expr = ca.sum1(ca.reshape(rates, substeps, horizon))
+        rates = total / substeps
     change = V - ca.horzcat(initial_velocity, V[:, :-1])
     symbols = initial_velocity, center, weights, origin, length, clock
     return Nlp(

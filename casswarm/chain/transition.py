@@ -211,8 +211,8 @@ class Transition:
         """
         if absorption is None:
             absorption = self.inside.astype(float)
-        arrays = states.weights, self.survival, absorption, states.alive
-        return Step(*map(contiguous, arrays), self.arrivals)
+        rows = contiguous(states.weights), contiguous(self.survival), contiguous(absorption)
+        return Step(*rows, contiguous(states.alive), self.arrivals)
 
     def following(self, parents: IntArray, survived: BoolArray, weights: FloatArray) -> States:
         """States (K,) after the step: of which state, who survived it, and with which weight."""

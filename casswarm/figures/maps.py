@@ -196,7 +196,7 @@ def add_landmarks(
     for k, zone in enumerate(scenario.hazard_table.zone):
         style = {"facecolor": "none", "edgecolor": radars, "lw": scaled(1.1)}
         style |= {"hatch": "xx", "hatch_linewidth": 0.4, "label": "_" if k else "zone"}
-        region = Circle(zone.center, zone.radius, **style) if zone.center else None
+        region = Circle(zone.center, zone.radius, **style) if zone.center and zone.radius else None
         axes.add_patch(region or Polygon(zone.corners, **style)).set_zorder(2)
     if not scenario.hazard.changes:
         add_radars(axes, scenario.hazard, radars)

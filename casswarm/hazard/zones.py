@@ -88,7 +88,8 @@ class Zone:
         rates = _lowered(self)[1]
         axes = [(lower[..., axis], upper[..., axis]) for axis in (0, 1)]
         corners = [rates(x, y) for x in axes[0] for y in axes[1]]
-        return np.maximum(np.min(corners, axis=0) - self._rounding(lower, upper), 0.0)
+        least = np.min(corners, axis=0) - self._rounding(lower, upper)
+        return np.asarray(np.maximum(least, 0.0))
 
     def rates_below(self, east: FloatArray, north: FloatArray, spacing: float) -> FloatArray:
         """Values (n, m) at nodes whose bilinear interpolation is nowhere above the rates.

@@ -154,7 +154,7 @@ class Observation:
     def size(self) -> int:
         """Numbers d of a member's row."""
         guide = _GUIDE if len(self.references) else 0
-        return _OWN + self.radars[0].size + _OTHER * (self.n - 1) + guide
+        return _OWN + int(self.radars[0].size) + _OTHER * (self.n - 1) + guide
 
     @property
     def slices(self) -> dict[str, slice]:

@@ -99,7 +99,7 @@ class Target(Disc):
     def outside(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distances of positions (..., 2) from the nearest target zone, 0 inside, shape (...)."""
         distances = [disc.distances(positions) - disc.radius for disc in self.discs]
-        return np.maximum(np.min(distances, axis=0), 0.0)
+        return np.asarray(np.maximum(np.min(distances, axis=0), 0.0))
 
 
 class Success(Table):
