@@ -41,7 +41,7 @@ class Rates:
         strengths = np.ones(len(radars)) if table.strengths is None else np.array(table.strengths)
         beta = None if table.beta_1 is None else (table.beta_1, table.beta_2)
         alpha = table.alpha_1, table.alpha_2, table.alpha_3
-        core = getattr(scenario.hazard, "core_radius", None) or _CORE
+        core = getattr(scenario.hazard.after(1), "core_radius", None) or _CORE
         return cls(
             *(radars, strengths, alpha, beta, float(core)),
             *(tuple(table.radar), scenario.time.dt, tuple(table.zone)),

@@ -22,6 +22,10 @@ IMAGES = ROOT / "docs" / "images"
 CASSWARM = Path(sys.executable).parent / "casswarm"
 
 MPC = [word for name in ("leader", "leader-mpc-3", "leader-mpc-8") for word in ("--policy", name)]
+ANYWHERE = ["--search", "global", "--arrival", "any"]
+DISC = "{center = [8.0, 10.9], radius = 0.6, rate = 20.0, edge = 0.4}"
+TRIANGLE = "{vertices = [[2.2, 9.3], [3.2, 9.3], [2.7, 10.3]], rate = 10.0, edge = 0.3}"
+NORTH = "{center = [0.0, 13.0], radius = 0.7}"
 COMMANDS = {
     "plan-paper-1": ["plan", "paper-1", "--map"],
     "descent": ["plan", "paper-1", "--solver", "projected-gradient"],
@@ -38,6 +42,17 @@ COMMANDS = {
     "sweep-paper-1": [
         *("sweep", "paper-1", "--set", "n=2,4,6", "--set", "spacing=0.2,0.5,1.0"),
         *("--runs", "300"),
+    ],
+    "plan-blink": ["plan", "blink"],
+    "plan-zones": ["plan", "paper-1", *ANYWHERE, "--set", f"hazard.zone=[{DISC}, {TRIANGLE}]"],
+    "plan-targets": ["plan", "paper-1", *ANYWHERE, "--set", f"target.other=[{NORTH}]"],
+    "arrivals": [
+        *("sweep", "gauntlet", "--set", "success.arrivals=1,2,3,4,5"),
+        *("--policy", "leader", "--policy", "constrained", "--policy", "joint"),
+    ],
+    "substeps": [
+        *("sweep", "alley", "--set", "time.substeps=1,2,4,8"),
+        *("--policy", "leader", "--policy", "constrained"),
     ],
     "compare": ["compare", "--family", "quick", "--time-limit", "10"],
 }
@@ -59,6 +74,11 @@ FIGURES = {
     "evaluate-ring": ("arrival", "population", "survival"),
     "sweep-n": ("over-n",),
     "sweep-paper-1": ("over-spacing", "heat-map"),
+    "plan-blink": ("guide",),
+    "plan-zones": ("guide",),
+    "plan-targets": ("guide",),
+    "arrivals": ("over-success-arrivals",),
+    "substeps": ("over-time-substeps",),
     "compare": ("overview", "convergence-formations-cold"),
 }
 """Figures of each results folder; the images are named FOLDER-FIGURE.png."""

@@ -1,23 +1,22 @@
-"""The scenario, input of every plan and simulation, and the contradictions in one."""
+"""The scenario, input of every plan and simulation."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from .._util.display import Displayed
-from .._util.numbers import CORE_FRACTION
 from .._util.text import counted, shown
-from .._util.user_code import USER_ERRORS
 from ..typing import FloatArray
+from .consistency import contradictions, core_radius, in_reach
 from .hazard_table import HazardTable
 from .sections import Changes, Disc, FormationOptions, GuideOptions, Success, Swarm, Target, Time
 from .toml_text import annotated, toml_text
@@ -27,7 +26,6 @@ from .validation import (
     Name,
     Table,
     Text,
-    as_text,
     known_keys,
     problems_of,
     require_none,
@@ -42,9 +40,6 @@ if TYPE_CHECKING:
 
 _MAP_PAD = 0.06  # of the larger side of a map, beyond the target's radius
 _SINGLE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the zone
-_MAX_STEPS = 100_000
-_MAX_DECADE = 150  # the square of a rate must not overflow
-_ROUNDING = 1e-9
 
 
 class Scenario(Displayed, Table):
@@ -86,7 +81,7 @@ class Scenario(Displayed, Table):
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Scenario:
         self._context = info.context or {}
-        require_none(_problems(self, **self._context))
+        require_none(contradictions(self, **self._context))
         return self
 
     @classmethod
@@ -275,7 +270,7 @@ class Scenario(Displayed, Table):
         if not self.target.other:
             return (self,)
         discs = self.target.discs
-        return tuple(self._toward(d) for d in discs if _in_reach(self.swarm, self.time, d))
+        return tuple(self._toward(d) for d in discs if in_reach(self.swarm, self.time, d))
 
     def _toward(self, disc: Disc) -> Scenario:
         """The scenario with one of its target zones only."""
@@ -411,203 +406,3 @@ def _read_only(values: object) -> FloatArray:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
-
-
-def core_radius(target: Target, hazard: HazardTable) -> float:
-    """Distance below which the rates of built-in kinds are regularised."""
-    return CORE_FRACTION * target.radius if hazard.core_radius is None else hazard.core_radius
-
-
-def _problems(
-    scenario: Scenario, folder: Path | None = None, allow_code: bool = False
-) -> Iterator[str]:
-    """Contradictions in a scenario of a file in `folder`; `allow_code` as of `load_scenario`."""
-    if scenario.success.arrivals > scenario.n:
-        yield (
-            f"success.arrivals is {scenario.success.arrivals}, but there "
-            f"{'is' if scenario.n == 1 else 'are'} {counted(scenario.n, 'member')}; lower it or "
-            "add members"
-        )
-    yield from _start_problems(scenario.swarm, scenario.target, scenario.hazard_table)
-    yield from _reach_problems(scenario.swarm, scenario.target, scenario.time)
-    yield from _margin_problems(scenario.guide, scenario.target)
-    yield from _overlaps(scenario.target)
-    yield from _collision_problems(scenario.target, scenario.hazard_table)
-    yield from _zone_problems(scenario)
-    yield from _custom_hazard_problems(scenario, folder, allow_code)
-
-
-def doubts(scenario: Scenario) -> Iterator[str]:
-    """Yield doubts about settings that are allowed in a scenario, but hardly meant."""
-    hazard, target = scenario.hazard_table, scenario.target
-    for first, second in _equal_points(hazard.radars):  # radars in time may take turns
-        yield f"hazard.radars[{first}] and [{second}] are the same point: their rates are added"
-    for k, zone in enumerate(hazard.zone):
-        if zone.contains(target.center):
-            yield f"hazard.zone[{k}] contains the target's centre, where members must arrive"
-    for k, inside in enumerate(target.contains(scenario.hazard.radar_positions.reshape(-1, 2))):
-        if inside:
-            yield f"hazard.radars[{k}] lies in the target zone, where members must arrive"
-    if hazard.beta_1 is not None:
-        for first, second in _equal_points(scenario.swarm.positions):
-            yield (
-                f"swarm.positions[{first}] and [{second}] are the same point: these members "
-                "collide from the start"
-            )
-
-
-def _equal_points(points: Sequence[tuple[float, float]]) -> Iterator[tuple[int, int]]:
-    """Indices of every point that an earlier one equals, and of the first such."""
-    seen: dict[tuple[float, float], int] = {}
-    for index, point in enumerate(points):
-        first = seen.setdefault(point, index)
-        if first != index:
-            yield first, index
-
-
-def _start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterator[str]:
-    """Members that start inside a radar or in the target zone, or faster than they can move."""
-    apart = core_radius(target, hazard)
-    places = {f"hazard.radars[{k}]": center for k, center in enumerate(hazard.radars)}
-    places |= {f"hazard.radar[{k}]": radar.start for k, radar in enumerate(hazard.radar)}
-    for i, position in enumerate(swarm.positions):
-        for name, center in places.items():
-            if math.dist(position, center) < apart:
-                yield (
-                    f"swarm.positions[{i}] is {as_text(list(position))}, on "
-                    f"{name}; move one of them, {apart:g} or more apart "
-                    "(hazard.core_radius)"
-                )
-    for i, inside in enumerate(target.contains(np.array(swarm.positions))):
-        if inside:
-            yield (
-                f"swarm.positions[{i}] is {as_text(list(swarm.positions[i]))}, inside the target "
-                "zone; every member must start outside: move it or the target"
-            )
-    if swarm.velocity != "guide" and max(map(abs, swarm.velocity)) > swarm.v_max:
-        yield (
-            f"swarm.velocity is {as_text(list(swarm.velocity))}; each component may be at most "
-            f"swarm.v_max = {swarm.v_max:g}: lower the velocity or raise v_max"
-        )
-
-
-def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
-    """Too few or too many steps, or a target that is out of reach in all of them."""
-    horizon = f"time.t_f is {time.t_f:g} with dt = {time.dt:g}"
-    if time.steps < 1:
-        yield f"{horizon}, less than one step; raise t_f to {time.dt:g} or more, or lower dt"
-        return
-    if time.steps > _MAX_STEPS:
-        yield f"{horizon}, {time.steps:g} steps; at most {_MAX_STEPS} are allowed, raise dt"
-        return
-    if time.steps * time.substeps > _MAX_STEPS:
-        yield (
-            f"time.substeps is {time.substeps} in each of {counted(time.steps, 'step')}; at most "
-            f"{_MAX_STEPS} parts are allowed in all, lower it"
-        )
-    start, step = np.array(swarm.positions[swarm.central_member]), time.dt * swarm.v_max
-    nearest = min(target.discs, key=partial(_axis_distance, start))
-    if not _in_reach(swarm, time, nearest):
-        distance = _axis_distance(start, nearest)
-        needed = math.ceil(distance / step * (1 - _ROUNDING))
-        yield (
-            f"target.center is {as_text(list(nearest.center))}, out of reach: from the guide's "
-            f"start {as_text(start.tolist())} the distance along an axis is {distance:.6g}, and "
-            f"{counted(time.steps, 'step')} of dt * v_max = {step:.6g} cover "
-            f"{time.steps * step:.6g}; the fastest path takes {counted(needed, 'step')}: raise "
-            f"time.t_f to {needed * time.dt:.6g} or more, or swarm.v_max, or move the target nearer"
-        )
-
-
-def _in_reach(swarm: Swarm, time: Time, target: Disc) -> bool:
-    """True if the guide can arrive in a target zone in time, but for rounding."""
-    distance = _axis_distance(np.array(swarm.positions[swarm.central_member]), target)
-    return distance <= time.steps * time.dt * swarm.v_max * (1 + _ROUNDING)
-
-
-def _axis_distance(start: NDArray[np.float64], target: Disc) -> float:
-    """Smallest r for which the square start + [-r, r]^2 meets the target zone.
-
-    Velocities are bounded by component, so the set of reachable positions is a square.
-    """
-    far, near = sorted(np.abs(np.array(target.center) - start), reverse=True)
-    if far - near >= target.radius:  # a side of the square touches the disc
-        return float(far - target.radius)
-    # otherwise a corner (far - r, near - r) from the centre does, at distance `radius`
-    return max(0.0, float(far + near - math.sqrt(2 * target.radius**2 - (far - near) ** 2)) / 2)
-
-
-def _margin_problems(guide: GuideOptions, target: Target) -> Iterator[str]:
-    """A margin that is not smaller than the target zones."""
-    least = min(disc.radius for disc in target.discs)
-    if guide.margin is not None and guide.margin >= least:
-        yield (
-            f"guide.margin is {guide.margin:g}; it must be below target.radius = {least:g}, or "
-            "omit it"
-        )
-
-
-def _overlaps(target: Target) -> Iterator[str]:
-    """Target zones that overlap, in which it is not clear what was meant."""
-    for second, disc in enumerate(target.other):
-        for first, earlier in enumerate(target.discs[: second + 1], -1):
-            if math.dist(disc.center, earlier.center) < disc.radius + earlier.radius:
-                name = "target" if first < 0 else f"target.other[{first}]"
-                yield f"target.other[{second}] overlaps {name}; move one of them, or remove it"
-
-
-def _collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:
-    """Rates of members at one point that are too large to compute with."""
-    if hazard.beta_1 is None or hazard.beta_2 is None:
-        return
-    core = core_radius(target, hazard)
-    if hazard.beta_2 * math.log10(math.sqrt(2) * hazard.beta_1 / core) > _MAX_DECADE:
-        yield (
-            f"hazard.beta_2 is {hazard.beta_2:g} with beta_1 = {hazard.beta_1:g}: the rate of "
-            f"members that touch exceeds 1e{_MAX_DECADE}; lower one of them, or raise "
-            f"hazard.core_radius = {core:g}"
-        )
-
-
-def _zone_problems(scenario: Scenario) -> Iterator[str]:
-    """Members that start in a zone."""
-    for k, table in enumerate(scenario.hazard_table.zone):
-        if any(table.problems("")):
-            continue  # which are reported by the table
-        for i, position in enumerate(scenario.swarm.positions):
-            if table.contains(position):
-                yield (
-                    f"hazard.zone[{k}] contains swarm.positions[{i}] = {as_text(list(position))}; "
-                    "members must start outside: move one of them"
-                )
-
-
-def _custom_hazard_problems(
-    scenario: Scenario, folder: Path | None, allow_code: bool
-) -> Iterator[str]:
-    """A function of the user that may not be run, cannot be imported, or fails at the start."""
-    hazard = scenario.hazard_table
-    if not hazard.is_custom:
-        return
-    subject = f"hazard.kind is {as_text(hazard.kind)}"
-    if hazard.is_named_by_file and not allow_code:
-        yield f"{subject}{_consent(str(hazard.kind), folder)}"
-        return
-    try:
-        built = hazard.build(core_radius(scenario.target, hazard), folder, scenario.time.dt)
-        built.after(1).rates(scenario.positions)
-    except USER_ERRORS as error:  # the user's code may raise anything
-        yield f"{subject}: {' '.join(str(error).split()) or type(error).__name__}"
-
-
-def _consent(kind: str, folder: Path | None) -> str:
-    """Request for the user's consent before code that a file names is imported."""
-    from ..hazard.custom import missing, origin
-
-    code = f"the module {kind.partition(':')[0]!r}" if folder is None else origin(kind, folder)
-    if code is None:
-        return f": {missing(kind, folder)}"  # type: ignore[arg-type]
-    return (
-        f", which is code in {code}. It is not run without consent: read it, and if you trust it, "
-        "allow it by --allow-code, in Python by load_scenario(..., allow_code=True)"
-    )

@@ -14,7 +14,8 @@ from typing import Any
 from .._util.files import require_file
 from .._util.text import shown, suggestion
 from ..errors import ScenarioError
-from .model import Scenario, doubts
+from .consistency import doubts
+from .model import Scenario
 from .validation import Problem, as_text, scenario_error
 
 _PLACE = re.compile(r"\(at line (\d+), column (\d+)\)")
