@@ -220,7 +220,7 @@ def load(common: ScenarioInput, values: Mapping[str, Any] | None = None) -> csw.
     scenario = csw.load_scenario(common.scenario, allow_code=common.allow_code)
     if not changes:
         return scenario
-    from ..scenario.model import doubts
+    from ..scenario.consistency import doubts
     from ..scenario.variations import with_parameters
 
     changed = with_parameters(scenario, changes)
