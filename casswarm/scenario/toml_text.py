@@ -88,4 +88,4 @@ def _with_optional(lines: list[str], table: str, missing: Mapping[str, FieldInfo
 
 
 def _comment(text: str) -> list[str]:
-    return [f"# {part}" for part in textwrap.wrap(text, 96)]
+    return [f"# {part}" for part in textwrap.wrap(text, 78)]

@@ -23,6 +23,7 @@ from .._util.settings import (
 )
 from .._util.text import counted
 from ..bounds import PairBound, pair_bound, require_pair
+from ..bounds.success_bound import success_bound
 from ..chain.distribution import Estimate, OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, sample_residual
 from ..chain.gradient import success_and_gradient
@@ -467,7 +468,8 @@ class OptimalValue:
     unlimited : Interval
         The same without a limit of acceleration.
     bounds : tuple of PairBound
-        The proofs of the upper ends: without the limit and, unless it cannot bind, with it.
+        The proofs of the upper ends: without the limit and, unless it cannot bind, with it. Where a
+        bracket is not closed and `success_bound` is smaller, that is its upper end.
     seconds : float
     """
 
@@ -551,9 +553,11 @@ def optimal_value(
         left = max(0.0, deadline - time.monotonic())
         limits: dict[str, Any] = {"tolerance": tolerance, "time_limit": left}
         bounds.append(pair_bound(scenario, known, initial_velocities=velocities, **limits))
+    highest = min(bound.value for bound in bounds)
+    general = success_bound(scenario).value if highest - known > tolerance else 1.0
     return OptimalValue(
-        Interval(known, min(bound.value for bound in bounds)),
-        Interval(free_known, bounds[0].value),
+        Interval(known, min(highest, general)),
+        Interval(free_known, min(bounds[0].value, general)),
         tuple(bounds),
         time.monotonic() - started,
     )

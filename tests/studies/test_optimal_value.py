@@ -56,3 +56,12 @@ def test_bracket_without_limit_is_narrow_on_built_in_scenarios(name):
     optimum = csw.optimal_value(scenario, 4e-3, time_limit=120)
     assert optimum.success.width <= 5e-3
     assert optimum.success.high <= float(csw.success_bound(scenario))
+
+
+def test_upper_end_is_not_above_the_bound_for_every_policy():
+    scenario = with_parameters(csw.load_scenario("patrol"), {"n": 2})
+    optimum = csw.optimal_value(scenario, 0.0, time_limit=0.3)  # ended by the time on a coarse grid
+    bound = csw.success_bound(scenario).value
+    assert optimum.bounds[-1].value > bound  # so that it matters
+    assert optimum.success.high <= bound
+    assert optimum.success.low <= optimum.success.high
