@@ -426,10 +426,15 @@ def _nearest_of_all(
 ) -> Guide:
     """The best guide of those to each target zone, as `plan_from`, with its candidates only."""
     options["time_limit"] /= len(scenario.by_target)
-    guides = []
+    guides, failure = [], None
     for one in scenario.by_target:
         same = near if near is not None and tuple(near.center) == one.target.center else None
-        guides.append(plan_from(one, start, solver, near=same, **options))
+        try:
+            guides.append(plan_from(one, start, solver, near=same, **options))
+        except PlanningError as error:  # the time is over
+            failure = error
+    if failure is not None and not guides:
+        raise failure
     best = min(guides, key=lambda guide: (not guide.arrives, guide.risk))
     inside = scenario.target.contains(best.positions[1:])
     first = int(inside.argmax()) + 1 if inside.any() else best.arrival
