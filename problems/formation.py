@@ -35,11 +35,17 @@ from ..nlp.program import Nlp
 
 @locked_cache(maxsize=32)
 def formation_nlp(
-    hazard: Hazard, n: int, corridor: bool, horizon: int = 1, later: tuple[Hazard, ...] = ()
+    hazard: Hazard,
+    n: int,
+    corridor: bool,
+    horizon: int = 1,
+    later: tuple[Hazard, ...] = (),
+    disc: bool = False,
 ) -> Nlp:
     """The program above for n members and H = `horizon`, with or without the corridor.
 
-    `later` are the hazards of the steps after the first, where they have others.
+    `later` are the hazards of the steps after the first, where they have others; with a `disc`, the
+    speed is limited in every direction.
     The variables are displacements, a column for every step and member: (2, H n). Constraints are
     in units of v_max, of a step and of a velocity, so that tolerances do not depend on units.
     """
@@ -68,9 +74,13 @@ def formation_nlp(
     if corridor:
         offsets = ca.horzcat(*positions) - ca.kron(ca.horzcat(goal, *goals), ca.DM.ones(1, n))
         constraints["corridor"] = ca.sum1((offsets / (v_max * dt)) ** 2)
+    if disc:
+        constraints["speed_norm"] = ca.horzcat(
+            *(ca.sum1((velocity / v_max) ** 2) for velocity in velocities)
+        )
     size = f"formation[{n}" if horizon == 1 else f"mpc-formation[{horizon} x {n}"
     return Nlp(
-        name=f"{size}{', corridor' if corridor else ''}]",
+        name=f"{size}{', corridor' if corridor else ''}{', disc' if disc else ''}]",
         variables={"displacements": u},
         parameters=parameters,
         objective=sum(

@@ -6,6 +6,7 @@ The paper's section III as a nonlinear program, by direct multiple shooting:
     over        X(1..T), V(0..T-1)
     subject to  X(t+1) = X(t) + dt V(t)                    equation (3)
                 -v_max <= V(t) <= v_max                     equation (4)
+                ||V(t)||^2 <= v_max^2                       if the speed has this limit, too
                 ||V(t) - V(t-1)||^2 <= a_max                if acceleration_limited
                 ||X(T) - c||^2 <= (radius - margin)^2
 
@@ -58,10 +59,11 @@ UNROLL = 3000
 
 
 @locked_cache(maxsize=16)
-def guide_nlp(hazard: Hazard, horizon: int, substeps: int = 1) -> Nlp:
+def guide_nlp(hazard: Hazard, horizon: int, substeps: int = 1, disc: bool = False) -> Nlp:
     """The program above for arrival at any step up to `horizon`.
 
-    Where there are `substeps`, ``hazard.after`` counts them.
+    Where there are `substeps`, ``hazard.after`` counts them. With a `disc`, the speed is limited in
+    every direction.
 
     Positions are relative to the start; units are steps and lengths of a step at v_max, because
     solvers' tolerances are absolute and a solve must not depend on the scenario's units.
@@ -81,8 +83,9 @@ def guide_nlp(hazard: Hazard, horizon: int, substeps: int = 1) -> Nlp:
         rates = total / substeps
     change = V - ca.horzcat(initial_velocity, V[:, :-1])
     symbols = initial_velocity, center, weights, origin, length, clock
+    size = [str(horizon), *([str(substeps)] if substeps > 1 else []), *(["disc"] if disc else [])]
     return Nlp(
-        name=f"guide[{horizon}]" if substeps == 1 else f"guide[{horizon}, {substeps}]",
+        name=f"guide[{', '.join(size)}]",
         variables={"positions": X, "velocities": V},
         parameters={symbol.name(): symbol for symbol in symbols},
         objective=ca.dot(weights, clock * rates),
@@ -90,6 +93,7 @@ def guide_nlp(hazard: Hazard, horizon: int, substeps: int = 1) -> Nlp:
             "dynamics": X - previous - V,
             "acceleration": ca.sum1(change**2),
             "arrival": ca.sumsqr(X[:, -1] - center),
+            **({"speed": ca.sum1(V**2)} if disc else {}),
         },
         unroll=substeps * horizon * max(1, len(hazard.radar_positions)) <= UNROLL,
     )
@@ -110,6 +114,8 @@ class GuideTask:
     a_max, a_max_first : float
         Bounds on ||V(t) - V(t-1)||^2 for t >= 1, and for t = 0; may be infinite.
     v_max, dt : float
+    disc : bool
+        Whether v_max bounds the speed in every direction.
     """
 
     start: FloatArray
@@ -120,6 +126,14 @@ class GuideTask:
     a_max_first: float
     v_max: float
     dt: float
+    disc: bool = False
+
+    def limited(self, velocities: FloatArray) -> FloatArray:
+        """Velocities (..., 2) shortened to the limits of speed."""
+        if not self.disc:
+            return np.clip(velocities, -self.v_max, self.v_max)
+        length = np.hypot(velocities[..., 0], velocities[..., 1])[..., None]
+        return velocities * np.minimum(1.0, self.v_max / np.maximum(length, 1e-300))
 
     @classmethod
     def from_scenario(
@@ -137,6 +151,7 @@ class GuideTask:
             a_max_first=np.inf if free else scenario.swarm.a_max,
             v_max=scenario.swarm.v_max,
             dt=scenario.time.dt,
+            disc=scenario.swarm.speed == "disc",
         )
 
 
@@ -160,10 +175,11 @@ def guide_instance(
     horizon, length = nlp.parameters["weights"].shape[1], task.dt * task.v_max
     moving = np.arange(horizon) < arrival
     guess = np.zeros((horizon, 2))
-    guess[:arrival] = np.clip(velocities / task.v_max, -1.0, 1.0)
+    guess[:arrival] = task.limited(velocities) / task.v_max
     limit = np.where(moving[:, None], 1.0, 0.0)
     a_max = np.where(moving, task.a_max, np.inf)
     a_max[0] = task.a_max_first
+    disc = ["speed"] if task.disc else []
     return Instances(
         x0=nlp.pack_variables(positions=np.cumsum(guess, axis=0), velocities=guess),
         p=nlp.pack_parameters(
@@ -176,11 +192,17 @@ def guide_instance(
         ),
         lbx=nlp.pack_variables(positions=-np.inf, velocities=-limit),
         ubx=nlp.pack_variables(positions=np.inf, velocities=limit),
-        lbg=nlp.pack_constraints(dynamics=0.0, acceleration=-np.inf, arrival=-np.inf),
+        lbg=nlp.pack_constraints(
+            dynamics=0.0,
+            acceleration=-np.inf,
+            arrival=-np.inf,
+            **({"speed": -np.inf} if task.disc else {}),
+        ),
         ubg=nlp.pack_constraints(
             dynamics=0.0,
             acceleration=tightened(a_max / task.v_max**2)[:, None],
             arrival=tightened((task.radius / length) ** 2),
+            **dict.fromkeys(disc, tightened(1.0)),
         ),
     )
 

@@ -33,6 +33,7 @@ from ..grid import Relaxation
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
 from ..hazard.compiled_rates import CompiledRates, compiled_rates
+from ..motion.planar_kernels import WIDTH
 from ..motion.step import Motion
 from ..policies.observation import Observation
 from ..scenario import Scenario, load_scenario
@@ -131,7 +132,7 @@ class SwarmBatch:
             success=np.zeros(self.size, bool), ended=np.ones(self.size, bool), survivors=counts[1]
         )
         self.potentials: FloatArray = np.zeros(self.size)
-        self._work = np.empty((1, 10)), np.empty(n)
+        self._work = np.empty((1, WIDTH)), np.empty(n)
 
     @cached_property
     def _rates(self) -> CompiledRates | None:
@@ -141,8 +142,7 @@ class SwarmBatch:
     def _limits(self) -> step_kernels.Limits:
         motion, target = Motion.from_scenario(self.scenario), self.scenario.target
         return step_kernels.Limits(
-            motion.v_max,
-            motion.max_change,
+            motion.limits,
             SPEED_TOL,
             SATURATION_TOL,
             motion.dt,

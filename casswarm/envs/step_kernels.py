@@ -13,7 +13,7 @@ import numpy as np
 
 from ..chain.monte_carlo import write_uniforms
 from ..compiled.kernels import kernel
-from ..motion.planar_kernels import motion_set, projected, violation
+from ..motion.planar_kernels import MotionLimits, motion_set, projected, violation
 from ..typing import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 2.0**-50  # more than the error of 1 - risk
@@ -46,8 +46,7 @@ class Limits(NamedTuple):
     both relative to v_max.
     """
 
-    v_max: float
-    max_change: float
+    motion: MotionLimits
     allowed: float
     counted: float
     dt: float
@@ -77,7 +76,7 @@ def move(
 ) -> int:
     """Write where the active swarms move; return the first action that is not finite, or -1.
 
-    The return value is the index of the state times n plus that of the member. `sets` (1, 10) is
+    The return value is the index of the state times n plus that of the member. `sets` (1, 13) is
     overwritten.
     """
     n = len(swarms.alive[0])
@@ -94,8 +93,8 @@ def move(
             if not (math.isfinite(vx) and math.isfinite(vy)):
                 return b * n + i
             previous = swarms.velocities[b, i]
-            motion_set(previous[0], previous[1], limits.v_max, limits.max_change, sets, 0)
-            excess = violation(vx, vy, sets, 0) / limits.v_max
+            motion_set(previous[0], previous[1], limits.motion, sets, 0)
+            excess = violation(vx, vy, sets, 0) / limits.motion[0]
             if excess > limits.allowed:
                 vx, vy, _ = projected(vx, vy, sets, 0)
             if excess > limits.counted:

@@ -135,7 +135,7 @@ class Problem(NamedTuple):
     evaluate: Any  # see `casswarm.compiled.kernels.objective`
     p: FloatArray  # parameters of the state
     constants: FloatArray  # numbers that all states share
-    sets: FloatArray  # (n, 10), see `casswarm.motion.planar_kernels`
+    sets: FloatArray  # (n, 13), see `casswarm.motion.planar_kernels`
     scale: FloatArray  # (2,), units of x and of the objective
     scratch: FloatArray  # overwritten by `evaluate`
 

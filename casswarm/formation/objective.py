@@ -73,10 +73,15 @@ def start_count(nlp: Nlp) -> int:
 
 @locked_cache(maxsize=512)  # where rates depend on time, each step has its own
 def formation_program(
-    hazard: Hazard, n: int, corridor: bool, horizon: int = 1, later: tuple[Hazard, ...] = ()
+    hazard: Hazard,
+    n: int,
+    corridor: bool,
+    horizon: int = 1,
+    later: tuple[Hazard, ...] = (),
+    disc: bool = False,
 ) -> Nlp:
     """The program of `formation_nlp` with what the batch solvers read."""
-    nlp = formation_nlp(hazard, n, corridor, horizon, later)
+    nlp = formation_nlp(hazard, n, corridor, horizon, later, disc)
     compiled = formation_objective(hazard, n)
     if compiled is not None and later:
         each = [formation_objective(other, n) for other in later]

@@ -55,7 +55,7 @@ TRIALS = 60  # of a spectral step's length
 
 @kernel
 def project(x: FloatArray, sets: FloatArray, out: FloatArray) -> None:
-    """Write the nearest point of the product of sets (n, 10)."""
+    """Write the nearest point of the product of sets (n, 13)."""
     for i in range(sets.shape[0]):
         px, py, exists = nearest(x[2 * i], x[2 * i + 1], sets, i)
         if not exists:  # a sliver as thin as rounding: keep to the box; `verify` reports the rest
@@ -251,7 +251,7 @@ START_SPREAD = 2.0  # standard deviation of further starts, in radii of the smal
 
 
 class Batch(NamedTuple):
-    """B problems: initial guesses x0 (B, 2n), p (B, np), scale (B, 2), sets (B, n, 10)."""
+    """B problems: initial guesses x0 (B, 2n), p (B, np), scale (B, 2), sets (B, n, 13)."""
 
     x0: FloatArray
     p: FloatArray

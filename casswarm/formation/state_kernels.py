@@ -15,7 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiled.kernels import allocating_kernel, kernel
-from ..motion.planar_kernels import approach, fix, motion_set, nearest_to_anchor, projected
+from ..motion.planar_kernels import (
+    WIDTH,
+    MotionLimits,
+    approach,
+    fix,
+    motion_set,
+    nearest_to_anchor,
+    projected,
+)
 from ..typing import BoolArray, FloatArray, IntArray
 from .face_kernels import Problem, copy
 from .search_kernels import Method, scratch_for, solve
@@ -64,7 +72,7 @@ class Terms(NamedTuple):
 
     dt: float
     v_max: float
-    change: float  # bound on |V(t) - V(t-1)|
+    motion: MotionLimits
     at_goal: float  # distance from the goal up to which a leader has reached it
     corridor: float  # the corridor's radius in units of velocity; negative for leader protection
     gathers: bool  # whether protectors begin close to the leader, which minimises its rate
@@ -76,7 +84,7 @@ class StateProblem(NamedTuple):
 
     p: FloatArray  # (6n + 4,), parameters in the order of `formation_nlp`
     guess: FloatArray  # (2n,), feasible initial guess
-    sets: FloatArray  # (n, 10), see ``planar_kernels``; points where not free, 0 for the destroyed
+    sets: FloatArray  # (n, 13), see ``planar_kernels``; points where not free, 0 for the destroyed
     free: BoolArray  # (n,), as of `Formation`
     infeasible: BoolArray  # (n,), as of `Formation`
 
@@ -123,7 +131,7 @@ def write_fixed(i: int, out: StateProblem) -> None:
 @kernel
 def write_destroyed(i: int, out: StateProblem) -> None:
     """Let a destroyed member not move."""
-    for c in range(4, 10):
+    for c in range(4, WIDTH):
         out.sets[i, c] = 0.0
     fix(0.0, 0.0, out.sets, i)
     write_fixed(i, out)
@@ -145,7 +153,7 @@ def leader_problem(states: States, row: int, terms: Terms, out: StateProblem) ->
     solvable, next_x, next_y = True, 0.0, 0.0
     if states.alive[row, lead]:
         x, y, goal_x, goal_y = p[2 * lead], p[2 * lead + 1], p[6 * n], p[6 * n + 1]
-        motion_set(p[2 * (n + lead)], p[2 * (n + lead) + 1], terms.v_max, terms.change, sets, lead)
+        motion_set(p[2 * (n + lead)], p[2 * (n + lead) + 1], terms.motion, sets, lead)
         vx, vy, solvable = projected((goal_x - x) / dt, (goal_y - y) / dt, sets, lead)
         next_x, next_y = x + dt * vx, y + dt * vy
         fix(vx, vy, sets, lead)
@@ -157,7 +165,7 @@ def leader_problem(states: States, row: int, terms: Terms, out: StateProblem) ->
             write_destroyed(i, out)
         elif i != lead:
             vx, vy = p[2 * (n + i)], p[2 * (n + i) + 1]
-            motion_set(vx, vy, terms.v_max, terms.change, sets, i)
+            motion_set(vx, vy, terms.motion, sets, i)
             if terms.gathers:  # the closer the better, for every member independently
                 vx, vy = (next_x - p[2 * i]) / dt, (next_y - p[2 * i + 1]) / dt
             solvable = write_free(i, vx, vy, out) and solvable
@@ -175,7 +183,7 @@ def corridor_problem(states: States, row: int, terms: Terms, out: StateProblem) 
             write_destroyed(i, out)
             continue
         vx, vy = p[2 * (n + i)], p[2 * (n + i) + 1]
-        motion_set(vx, vy, terms.v_max, terms.change, sets, i)
+        motion_set(vx, vy, terms.motion, sets, i)
         sets[i, 7], sets[i, 8] = (p[6 * n] - p[2 * i]) / dt, (p[6 * n + 1] - p[2 * i + 1]) / dt
         sets[i, 9] = terms.corridor
         p[5 * n + i] = 1.0
@@ -282,7 +290,7 @@ def decide_states(
     own = StateProblem(
         np.empty(6 * n + 4),
         np.empty(2 * n),
-        np.empty((n, 10)),
+        np.empty((n, WIDTH)),
         np.empty(n, np.bool_),
         np.empty(n, np.bool_),
     )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..compiled.kernels import contiguous
 from ..hazard import Hazard, KernelHazard
 from ..motion.planar import PlanarSets
+from ..motion.planar_kernels import WIDTH
 from ..motion.step import Step
 from ..nlp.program import Instances, Nlp
 from ..typing import BoolArray, FloatArray, IntArray
@@ -99,7 +100,8 @@ class FormationTask:
     @property
     def nlp(self) -> Nlp:
         """The program of all states."""
-        return formation_program(self.step.hazard, self.step.alive.shape[1], self.rho is not None)
+        n, disc = self.step.alive.shape[1], self.step.motion.disc
+        return formation_program(self.step.hazard, n, self.rho is not None, disc=disc)
 
     @property
     def states(self) -> States:
@@ -119,7 +121,7 @@ class FormationTask:
         return Terms(
             dt=float(motion.dt),
             v_max=float(motion.v_max),
-            change=motion.max_change,
+            motion=motion.limits,
             at_goal=motion.position_tol,
             corridor=-1.0 if self.rho is None else math.sqrt(self.rho) / motion.dt,
             gathers=_gathers(hazard),
@@ -141,7 +143,7 @@ class FormationTask:
         problems = StateProblem(
             np.empty((batch, 6 * n + 4)),
             np.empty((batch, 2 * n)),
-            np.empty((batch, n, 10)),
+            np.empty((batch, n, WIDTH)),
             *np.empty((2, batch, n), bool),
         )
         solvable = np.empty(batch, bool)
@@ -191,8 +193,10 @@ def _follower_weight(hazard: Hazard, weight: float) -> float:
 def _formation(task: FormationTask, problems: StateProblem) -> Formation:
     """Formation of the problems that kernels wrote."""
     batch, corridor = len(task.leaders), task.rho is not None
-    sets = PlanarSets.from_packed(problems.sets, 2 if corridor else 1)
-    squared = (sets.radii / task.step.motion.v_max) ** 2  # constraints bound squared distances
+    disc = task.step.motion.disc
+    sets = PlanarSets.from_packed(problems.sets, 3 if disc else 1 + corridor)
+    stated = sets.radii if corridor or not disc else sets.radii[..., [0, 2]]
+    squared = (stated / task.step.motion.v_max) ** 2  # constraints bound squared distances
     instances = Instances(
         x0=problems.guess,
         p=problems.p,

@@ -70,7 +70,7 @@ class ValueFunction:
             value function is not complete after `time_limit` seconds.
         """
         require_scenario("ValueFunction.from_scenario", scenario)
-        for key in ("time.substeps", "target.other"):
+        for key in ("time.substeps", "target.other", "swarm.speed"):
             require_default(scenario, key, "the value function")
         deadline = time.monotonic() + time_limit
         grid = value_grid(scenario, max_nodes)

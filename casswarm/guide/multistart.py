@@ -303,7 +303,8 @@ class Multistart:
 
     def penalised(self) -> Candidate:
         """Outcome of the paper's penalised form, from the straight line over all steps."""
-        require_default(self.scenario, "time.substeps", "the paper's penalised form")
+        for key in ("time.substeps", "swarm.speed"):
+            require_default(self.scenario, key, "the paper's penalised form")
         task = replace(self.task, radius=self.scenario.target.radius)
         steps = self.scenario.n_steps
         nlp = penalised_guide_nlp(self.scenario.hazard, steps)
@@ -326,8 +327,9 @@ class Multistart:
             self._report(name, detail)
 
     def _solve(self, name: str, start: InitialPath, steps: Sequence[int]) -> Iterator[Candidate]:
-        parts = self.scenario.by_parts.hazard, self.scenario.n_steps, self.scenario.time.substeps
-        nlp = guide_nlp(*parts)
+        substeps = self.scenario.time.substeps
+        hazard = self.scenario.by_parts.hazard
+        nlp = guide_nlp(hazard, self.scenario.n_steps, substeps, self.task.disc)
         for number, arrival in enumerate(steps, 1):
             if self.expired:
                 return
@@ -405,7 +407,7 @@ class Multistart:
         The residuals of the dynamics, each within a solver's tolerance, add up over the steps.
         """
         task, radius = self.task, self.scenario.target.radius
-        velocities = np.clip(velocities, -task.v_max, task.v_max)
+        velocities = task.limited(velocities)
         offset = integrate(task.start, velocities, task.dt)[-1] - task.center
         distance = float(np.hypot(*offset))
         missing = distance - (1 - _ROUNDING) * radius
@@ -414,9 +416,9 @@ class Multistart:
         correction = -missing / distance * offset / task.dt  # summed over the steps
         slack = task.v_max - velocities * np.sign(correction)
         # the same change at every step leaves accelerations as they are
-        weights = np.where(np.isinf(task.a_max), slack, 1.0)
+        weights = np.where(np.isinf(task.a_max) and not task.disc, slack, 1.0)
         weights = weights / np.maximum(weights.sum(axis=0), 1e-300)
-        return np.asarray(np.clip(velocities + weights * correction, -task.v_max, task.v_max))
+        return task.limited(velocities + weights * correction)
 
     def _straight(self, steps: int, dt: float) -> FloatArray:
         """Velocities (steps, 2) straight to the nearest point of the target less its margin."""
@@ -446,6 +448,8 @@ class Multistart:
         horizon = self.scenario.n_steps
         reach = np.arange(1, horizon + 1)[:, None] * self.task.dt * self.task.v_max
         distance = remaining_distance(self.task.start, self.task.center, reach)
+        if self.task.disc:
+            distance = np.hypot(*(self.task.center - self.task.start)) - reach[:, 0]
         feasible = 1 + np.flatnonzero(distance <= self.task.radius)
         if not feasible.size or self.scenario.guide.arrival == "horizon":
             return [horizon]

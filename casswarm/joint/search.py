@@ -455,7 +455,7 @@ def _require_few(scenario: Scenario) -> None:
             f"{MOST_PLANNED}: use the policies leader or constrained",
             members=scenario.n,
         )
-    for key in ("time.substeps", "target.other"):
+    for key in ("time.substeps", "target.other", "swarm.speed"):
         require_default(scenario, key, "a joint plan")
     if scenario.n > MAX_EXACT:
         require_default(

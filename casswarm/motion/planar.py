@@ -1,7 +1,8 @@
-r"""Exact projection onto the intersection of a box and up to two discs in the plane, in batches.
+r"""Exact projection onto the intersection of a box and up to three discs in the plane, in batches.
 
 A set is S = B ∩ D_1 ∩ ... ∩ D_K: a box B = [lower, upper] and discs D_k = {x : |x - c_k| <= r_k},
-as they constrain a member for a step: component limits, the disc of a_max, the corridor.
+as they constrain a member for a step: component limits, the disc of a_max, the corridor, and where
+speed is limited in every direction, its disc.
 
 **Why finitely many candidates suffice.** Let S be non-empty and q = P_S(p) ≠ p its point nearest to
 p. The open disc U of radius |p - q| about p does not meet S. So U, the four half-planes of B and
@@ -12,7 +13,7 @@ constraints, which says that q = P_{C_i ∩ C_j}(p). Hence q is
 1. the projection on one or two half-planes, and so on B, which is smaller and contains q: a clip;
 2. or the projection on one disc, c + r (p - c) / |p - c|;
 3. or, neither constraint alone sufficing, a point of both boundaries: where a line of the box
-   crosses a circle, or the two circles cross.
+   crosses a circle, or two circles cross.
 
 No constraint qualification is used, so tangency, zero radii and zero widths are covered; where
 boundaries coincide, one constraint suffices. So **S is empty if and only if no candidate lies in
@@ -37,14 +38,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..compiled.kernels import contiguous
 from ..typing import BoolArray, FloatArray
-from .planar_kernels import approach_batch, empty_batch, nearest_batch, violation_batch
+from .planar_kernels import (
+    DISCS,
+    WIDTH,
+    approach_batch,
+    empty_batch,
+    nearest_batch,
+    violation_batch,
+)
 
 Index: TypeAlias = int | np.integer[Any] | slice | NDArray[np.bool_] | NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, eq=False)
 class PlanarSets:
-    """Sets in the plane, each the intersection of a box and 0, 1 or 2 discs.
+    """Sets in the plane, each the intersection of a box and up to three discs.
 
     The arrays broadcast to a common leading shape, `shape`; the fields are read-only views of it.
     Shapes or values other than the following raise ValueError.
@@ -54,7 +62,7 @@ class PlanarSets:
     lower, upper : array_like of float, (..., 2)
         Corners of the boxes, ``lower <= upper``; -inf in `lower`, +inf in `upper` mean no bound.
     centers : array_like of float, (..., K, 2)
-        Centres of the discs, finite, K <= 2.
+        Centres of the discs, finite, K <= 3.
     radii : array_like of float, (..., K)
         Radii of the discs, >= 0; +inf means that the disc is absent.
     """
@@ -68,12 +76,12 @@ class PlanarSets:
         discs = np.shape(self.radii)[-1:]
         ends = {"lower": (2,), "upper": (2,), "centers": (*discs, 2), "radii": discs}
         arrays = {name: np.asarray(getattr(self, name), dtype=np.float64) for name in ends}
-        if discs not in ((0,), (1,), (2,)) or any(
+        if discs not in ((0,), (1,), (2,), (3,)) or any(
             arrays[name].shape[-len(end) :] != end for name, end in ends.items()
         ):
             raise ValueError(
                 "lower, upper, centers, radii must have shapes (..., 2), (..., 2), (..., K, 2), "
-                f"(..., K) with K = 0, 1 or 2; got {[array.shape for array in arrays.values()]}"
+                f"(..., K) with K from 0 to 3; got {[array.shape for array in arrays.values()]}"
             )
         lower, upper, centers, radii = arrays.values()
         if not np.all((lower <= upper) & (lower < np.inf) & (upper > -np.inf)):
@@ -85,16 +93,16 @@ class PlanarSets:
             object.__setattr__(self, name, np.broadcast_to(array, shape + ends[name]))
 
     @classmethod
-    def from_packed(cls, rows: FloatArray, discs: int = 2) -> PlanarSets:
-        """Sets with the first `discs` discs of rows (..., 10), as `packed` returns them."""
-        centers = rows[..., 4:].reshape(*rows.shape[:-1], 2, 3)[..., :discs, :]
+    def from_packed(cls, rows: FloatArray, discs: int = len(DISCS)) -> PlanarSets:
+        """Sets with the first `discs` discs of rows (..., 13), as `packed` returns them."""
+        centers = rows[..., 4:].reshape(*rows.shape[:-1], len(DISCS), 3)[..., :discs, :]
         return cls(rows[..., 0:2], rows[..., 2:4], centers[..., :2], centers[..., 2])
 
     @cached_property
     def packed(self) -> FloatArray:
-        """The sets as rows of ten numbers, (..., 10), for `planar_kernels`."""
-        rows = np.zeros((*self.shape, 10))
-        rows[..., 0:2], rows[..., 2:4], rows[..., (6, 9)] = self.lower, self.upper, np.inf
+        """The sets as rows of thirteen numbers, (..., 13), for `planar_kernels`."""
+        rows = np.zeros((*self.shape, WIDTH))
+        rows[..., 0:2], rows[..., 2:4], rows[..., (6, 9, 12)] = self.lower, self.upper, np.inf
         for k in range(self.radii.shape[-1]):
             rows[..., 4 + 3 * k : 6 + 3 * k] = self.centers[..., k, :]
             rows[..., 6 + 3 * k] = self.radii[..., k]
@@ -143,7 +151,7 @@ class PlanarSets:
     @cached_property
     def is_empty(self) -> BoolArray:
         """True for empty sets, shape `shape`; gaps of the order of rounding do not count."""
-        sets = self.packed.reshape(-1, 10)
+        sets = self.packed.reshape(-1, WIDTH)
         empty = np.empty(len(sets), dtype=bool)
         empty_batch(sets, empty)
         return empty.reshape(self.shape)
@@ -151,10 +159,10 @@ class PlanarSets:
     def relax_infeasible(self) -> tuple[PlanarSets, BoolArray]:
         """Make every set non-empty by relaxing soft constraints that cannot be met.
 
-        The box and disc 0 are hard constraints; disc 1 is a soft constraint. Where the three do not
-        meet, the set becomes the point of box ∩ disc 0 nearest to the centre of disc 1, and so to
-        disc 1: a box of zero width, both discs absent. Returned are the sets, and which of them
-        (...) were replaced. ValueError is raised if box ∩ disc 0 is empty somewhere.
+        Disc 1 is a soft constraint, the box and the other discs are hard constraints. Where they do
+        not meet, the set becomes the point within the hard ones nearest to the centre of disc 1,
+        and so to disc 1: a box of zero width, the discs absent. Returned are the sets, and which of
+        them (...) were replaced. ValueError is raised if the hard ones do not meet somewhere.
         """
         infeasible = self.is_empty
         if not infeasible.any():
@@ -171,11 +179,11 @@ class PlanarSets:
         return PlanarSets.from_packed(packed, self.radii.shape[-1]), infeasible
 
     def _paired(self, points: ArrayLike) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
-        """Points (M, 2), their sets' rows (M, 10), and the shape to return to."""
+        """Points (M, 2), their sets' rows (M, 13), and the shape to return to."""
         x = np.asarray(points, dtype=np.float64)
         if x.shape[-1:] != (2,):
             raise ValueError(f"points must have shape (..., 2); got {x.shape}")
         shape = np.broadcast_shapes(x.shape[:-1], self.shape)
         flat = np.broadcast_to(x, (*shape, 2)).reshape(-1, 2)
-        sets = self.packed if shape == self.shape else np.broadcast_to(self.packed, (*shape, 10))
-        return contiguous(flat), contiguous(sets.reshape(-1, 10)), shape
+        sets = self.packed if shape == self.shape else np.broadcast_to(self.packed, (*shape, WIDTH))
+        return contiguous(flat), contiguous(sets.reshape(-1, WIDTH)), shape

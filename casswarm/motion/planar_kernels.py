@@ -1,9 +1,9 @@
-"""Nearest point of a box and up to two discs in the plane, and velocities that limits allow.
+"""Nearest point of a box and up to three discs in the plane, and velocities that limits allow.
 
 The cases are those of `casswarm.motion.planar`, which proves them. A set is a
-row of ten numbers (`casswarm.motion.planar.PlanarSets.packed`)::
+row of thirteen numbers (`casswarm.motion.planar.PlanarSets.packed`)::
 
-    lower x, lower y, upper x, upper y, center x, center y, radius, center x, center y, radius
+    lower x, lower y, upper x, upper y, and of each disc: center x, center y, radius
 
 where an infinite radius means that the disc is absent.
 """
@@ -17,9 +17,13 @@ from ..compiled.kernels import kernel
 from ..typing import BoolArray, FloatArray
 
 ROUNDING = 2.0**-46  # 64 units of rounding, 1.4e-14
-DISCS = (4, 7)  # where a row's discs begin
+DISCS = (4, 7, 10)  # where a row's discs begin
+WIDTH = 13  # numbers of a row
 
+PAIRS = ((4, 7), (4, 10), (7, 10))
 Candidate: TypeAlias = tuple[float, float, bool]
+MotionLimits: TypeAlias = tuple[float, float, float]
+"""Bounds on a velocity's components, on its change and, or infinite, on its length."""
 
 
 @kernel
@@ -88,8 +92,9 @@ def nearest(px: float, py: float, sets: FloatArray, i: int) -> Candidate:
 
 @kernel
 def nearest_to_anchor(sets: FloatArray, i: int) -> Candidate:
-    """Nearest point of set i to the centre of its smaller disc, and whether the set has a point."""
+    """Nearest point of set i to the centre of its least disc, and whether the set has a point."""
     k = DISCS[1] if sets[i, DISCS[1] + 2] < sets[i, DISCS[0] + 2] else DISCS[0]
+    k = DISCS[2] if sets[i, DISCS[2] + 2] < sets[i, k + 2] else k
     return nearest(sets[i, k], sets[i, k + 1], sets, i)
 
 
@@ -133,23 +138,33 @@ def nearest_crossing(px: float, py: float, sets: FloatArray, i: int) -> Candidat
                     for end in (across - half, across + half):
                         x, y = (line, end) if side % 2 == 0 else (end, line)
                         best = nearer(x, y, px, py, sets, i, best)
-    if sets[i, DISCS[0] + 2] < math.inf and sets[i, DISCS[1] + 2] < math.inf:
-        # from the smaller circle: an error of `along`, however large, keeps the points on it, and
-        # takes them off the larger one by the order of rounding only
-        small, large = DISCS
-        if sets[i, large + 2] < sets[i, small + 2]:
-            small, large = large, small
-        cx, cy, r = sets[i, small], sets[i, small + 1], sets[i, small + 2]
-        dx, dy, radius = sets[i, large] - cx, sets[i, large + 1] - cy, sets[i, large + 2]
-        distance = math.sqrt(dx * dx + dy * dy)
-        if distance > 0.0:
-            along = 0.5 * distance + (r - radius) * ((r + radius) / (2.0 * distance))
-            along = clip(along, -r, r)
-            across = math.sqrt(r - along) * math.sqrt(r + along)
-            ux, uy = dx / distance, dy / distance
-            x, y = cx + along * ux, cy + along * uy
-            best = nearer(x - across * uy, y + across * ux, px, py, sets, i, best)
-            best = nearer(x + across * uy, y - across * ux, px, py, sets, i, best)
+    for first, second in PAIRS:
+        if sets[i, first + 2] < math.inf and sets[i, second + 2] < math.inf:
+            best = nearest_of_circles(px, py, sets, i, (first, second), best)
+    return best
+
+
+@kernel
+def nearest_of_circles(
+    px: float, py: float, sets: FloatArray, i: int, pair: tuple[int, int], best: Candidate
+) -> Candidate:
+    """The nearer feasible crossing of two circles, if it is nearer than `best`."""
+    # from the smaller circle: an error of `along`, however large, keeps the points on it, and
+    # takes them off the larger one by the order of rounding only
+    small, large = pair
+    if sets[i, large + 2] < sets[i, small + 2]:
+        small, large = large, small
+    cx, cy, r = sets[i, small], sets[i, small + 1], sets[i, small + 2]
+    dx, dy, radius = sets[i, large] - cx, sets[i, large + 1] - cy, sets[i, large + 2]
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance > 0.0:
+        along = 0.5 * distance + (r - radius) * ((r + radius) / (2.0 * distance))
+        along = clip(along, -r, r)
+        across = math.sqrt(r - along) * math.sqrt(r + along)
+        ux, uy = dx / distance, dy / distance
+        x, y = cx + along * ux, cy + along * uy
+        best = nearer(x - across * uy, y + across * ux, px, py, sets, i, best)
+        best = nearer(x + across * uy, y - across * ux, px, py, sets, i, best)
     return best
 
 
@@ -171,7 +186,7 @@ def violation(x: float, y: float, sets: FloatArray, i: int) -> float:
 def nearest_batch(
     points: FloatArray, sets: FloatArray, projections: FloatArray, exists: BoolArray
 ) -> None:
-    """Write the nearest points (M, 2) of sets (M, 10), and whether they exist (M,).
+    """Write the nearest points (M, 2) of sets (M, 13), and whether they exist (M,).
 
     A point that is not finite gives NaN, which counts as existing.
     """
@@ -185,40 +200,40 @@ def nearest_batch(
 
 @kernel
 def empty_batch(sets: FloatArray, empty: BoolArray) -> None:
-    """Write which sets (M, 10) are empty (M,)."""
+    """Write which sets (M, 13) are empty (M,)."""
     for i in range(sets.shape[0]):
         empty[i] = not nearest_to_anchor(sets, i)[2]
 
 
 @kernel
 def approach_batch(sets: FloatArray, exists: BoolArray) -> None:
-    """Apply `approach` to sets (M, 10); write whether they had a point (M,)."""
+    """Apply `approach` to sets (M, 13); write whether they had a point (M,)."""
     for i in range(sets.shape[0]):
         exists[i] = approach(sets, i)
 
 
 @kernel
 def violation_batch(points: FloatArray, sets: FloatArray, distances: FloatArray) -> None:
-    """Write the largest distance (M,) of points (M, 2) to the box or a disc of sets (M, 10)."""
+    """Write the largest distance (M,) of points (M, 2) to the box or a disc of sets (M, 13)."""
     for i in range(points.shape[0]):
         distances[i] = violation(points[i, 0], points[i, 1], sets, i)
 
 
 @kernel
-def motion_set(vx: float, vy: float, v_max: float, change: float, sets: FloatArray, i: int) -> None:
-    """Write set i: |v| <= v_max by component, |v - (vx, vy)| <= change."""
+def motion_set(vx: float, vy: float, limits: MotionLimits, sets: FloatArray, i: int) -> None:
+    """Write set i: the velocities that the limits allow after (vx, vy)."""
+    v_max, change, speed = limits
     sets[i, 0], sets[i, 1], sets[i, 2], sets[i, 3] = -v_max, -v_max, v_max, v_max
     sets[i, 4], sets[i, 5], sets[i, 6] = vx, vy, change
     sets[i, 7], sets[i, 8], sets[i, 9] = 0.0, 0.0, math.inf
+    sets[i, 10], sets[i, 11], sets[i, 12] = 0.0, 0.0, speed
 
 
 @kernel
-def motion_sets(
-    previous_velocities: FloatArray, v_max: float, change: float, sets: FloatArray
-) -> None:
-    """Write the sets (M, 10) of members with previous velocities (M, 2)."""
+def motion_sets(previous_velocities: FloatArray, limits: MotionLimits, sets: FloatArray) -> None:
+    """Write the sets (M, 13) of members with previous velocities (M, 2)."""
     for i in range(sets.shape[0]):
-        motion_set(previous_velocities[i, 0], previous_velocities[i, 1], v_max, change, sets, i)
+        motion_set(previous_velocities[i, 0], previous_velocities[i, 1], limits, sets, i)
 
 
 @kernel

@@ -12,7 +12,7 @@ from ..hazard import Hazard
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
 from .planar import PlanarSets
-from .planar_kernels import motion_sets, project_adjoint
+from .planar_kernels import WIDTH, MotionLimits, motion_sets, project_adjoint
 
 POSITION_TOL = 1e-6
 """Distance, in units of v_max dt, up to which a member counts as being at a position."""
@@ -29,23 +29,32 @@ class Motion:
     a_max : float
         Bound on ||V(t) - V(t-1)||^2.
     dt : float
+    disc : bool
+        Whether v_max also bounds the speed in every direction.
     """
 
     v_max: float
     a_max: float
     dt: float
+    disc: bool = False
 
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> Motion:
         """Limits of the members of a scenario."""
-        return cls(scenario.swarm.v_max, scenario.swarm.a_max, scenario.time.dt)
+        swarm = scenario.swarm
+        return cls(swarm.v_max, swarm.a_max, scenario.time.dt, swarm.speed == "disc")
 
     def sets(self, previous_velocities: FloatArray) -> PlanarSets:
         """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2)."""
-        rows = np.empty((*previous_velocities.shape[:-1], 10))
+        rows = np.empty((*previous_velocities.shape[:-1], WIDTH))
         flat = contiguous(previous_velocities.reshape(-1, 2).astype(float))
-        motion_sets(flat, self.v_max, self.max_change, rows.reshape(-1, 10))
-        return PlanarSets.from_packed(rows, 1)
+        motion_sets(flat, self.limits, rows.reshape(-1, WIDTH))
+        return PlanarSets.from_packed(rows, 3 if self.disc else 1)
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The limits as kernels take them."""
+        return float(self.v_max), self.max_change, float(self.v_max) if self.disc else math.inf
 
     @property
     def max_change(self) -> float:

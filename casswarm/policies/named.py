@@ -15,6 +15,7 @@ from ..guide.plan import guide_solver, initial_velocities, papers_solver, plan, 
 from ..joint import PlanTree, plan_swarm
 from ..motion.step import Motion
 from ..scenario.scenario_files import require_scenario
+from ..scenario.variations import require_default
 from ..solvers import Solver
 from ..typing import LeaderSelection
 from .base import Policy, require_guide_of
@@ -136,6 +137,8 @@ def make_policy(
             return open_loop
         return ReplanningPolicy(PlanTree(scenario, swarm_plan), open_loop)
     full_name = kind if horizon == 1 else f"{kind}-mpc-{horizon}"
+    if horizon > 1:
+        require_default(scenario, "swarm.speed", f"the policy {full_name}")
     shared = (scenario.hazard, motion, guide, backend, horizon)
     spare = max(0, scenario.n_steps - guide.arrival)
     wait = min(spare, scenario.time.steps_within(scenario.guide.max_wait))

@@ -97,9 +97,14 @@ def _start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterat
                 f"swarm.positions[{i}] is {as_text(list(swarm.positions[i]))}, inside the target "
                 "zone; every member must start outside: move it or the target"
             )
-    if swarm.velocity != "guide" and max(map(abs, swarm.velocity)) > swarm.v_max:
+    if swarm.velocity == "guide":
+        return
+    disc = swarm.speed == "disc"
+    speed = math.hypot(*swarm.velocity) if disc else max(map(abs, swarm.velocity))
+    if speed > swarm.v_max:
+        what = "its length" if disc else "each component"
         yield (
-            f"swarm.velocity is {as_text(list(swarm.velocity))}; each component may be at most "
+            f"swarm.velocity is {as_text(list(swarm.velocity))}; {what} may be at most "
             f"swarm.v_max = {swarm.v_max:g}: lower the velocity or raise v_max"
         )
 
@@ -119,13 +124,14 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
             f"{_MAX_STEPS} parts are allowed in all, lower it"
         )
     start, step = np.array(swarm.positions[swarm.central_member]), time.dt * swarm.v_max
-    nearest = min(target.discs, key=partial(_axis_distance, start))
+    nearest = min(target.discs, key=partial(_distance, swarm, start))
     if not in_reach(swarm, time, nearest):
-        distance = _axis_distance(start, nearest)
+        distance = _distance(swarm, start, nearest)
+        along = "" if swarm.speed == "disc" else " along an axis"
         needed = math.ceil(distance / step * (1 - _ROUNDING))
         yield (
             f"target.center is {as_text(list(nearest.center))}, out of reach: from the guide's "
-            f"start {as_text(start.tolist())} the distance along an axis is {distance:.6g}, and "
+            f"start {as_text(start.tolist())} the distance{along} is {distance:.6g}, and "
             f"{counted(time.steps, 'step')} of dt * v_max = {step:.6g} cover "
             f"{time.steps * step:.6g}; the fastest path takes {counted(needed, 'step')}: raise "
             f"time.t_f to {needed * time.dt:.6g} or more, or swarm.v_max, or move the target nearer"
@@ -134,8 +140,15 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
 
 def in_reach(swarm: Swarm, time: Time, target: Disc) -> bool:
     """True if the guide can arrive in a target zone in time, but for rounding."""
-    distance = _axis_distance(np.array(swarm.positions[swarm.central_member]), target)
+    distance = _distance(swarm, np.array(swarm.positions[swarm.central_member]), target)
     return distance <= time.steps * time.dt * swarm.v_max * (1 + _ROUNDING)
+
+
+def _distance(swarm: Swarm, start: NDArray[np.float64], target: Disc) -> float:
+    """Length that a path to a target zone has at least, in the norm that v_max bounds."""
+    if swarm.speed == "disc":
+        return float(target.distances(start)) - target.radius
+    return _axis_distance(start, target)
 
 
 def _axis_distance(start: NDArray[np.float64], target: Disc) -> float:

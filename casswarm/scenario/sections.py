@@ -37,6 +37,11 @@ class Swarm(Table):
     v_max: Positive = Field(
         description="Bound on the absolute value of each velocity component, length per time."
     )
+    speed: Annotated[Literal["box", "disc"], Allowed("'box' or 'disc'")] = Field(
+        "box",
+        description="'box' bounds each component of a velocity by v_max, as the paper does; 'disc' "
+        "bounds the speed in every direction.",
+    )
     a_max: Positive = Field(
         description="Bound on the change of velocity in a step, ||V(t) - V(t-1)||^2, in squared "
         "units of velocity."
