@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from _attack_model import Rates
+from _attack_model import Rates, shortened
 from _attack_records import Check
 from _attack_scenarios import Rng
 
@@ -25,8 +25,8 @@ class _Limited:
     def projected(self, velocities: np.ndarray) -> np.ndarray:
         """Velocities changed, one step after the other, to obey the limits."""
         scenario = self.scenario
-        v_max, previous = scenario.swarm.v_max, scenario.swarm.velocity
-        within = np.clip(velocities, -v_max, v_max)
+        previous = scenario.swarm.velocity
+        within = shortened(scenario, velocities)
         for step in range(velocities.shape[1]):
             if step == 0 and previous == "guide":
                 continue
@@ -35,7 +35,7 @@ class _Limited:
             change = within[:, step] - last
             length = np.hypot(*change.T)[:, None]
             change *= np.minimum(1.0, np.sqrt(a_max) / np.maximum(length, 1e-300))
-            within[:, step] = np.clip(last + change, -v_max, v_max)
+            within[:, step] = shortened(scenario, last + change)
         return within
 
     def risks(self, velocities: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 from _attack_acceleration import acceleration
-from _attack_model import Rates
+from _attack_model import Rates, shortened, speed
 from _attack_records import Check, Skip
 from _attack_scenarios import POLICIES, Rng, draw, in_time
 
@@ -34,7 +34,7 @@ def risk(rng: Rng) -> Iterator[Check]:
         "random": list(_random_paths(rng, scenario)),
         "Ipopt": list(_ipopt_paths(rng, scenario)),
     }
-    value, plain = None, scenario.time.substeps == 1 and not scenario.target.other
+    value, plain = None, _plain(scenario)
     if plain:
         value = csw.ValueFunction.from_scenario(scenario, 200_000)
         found["feedback"] = [_feedback_path(scenario, value)]
@@ -61,7 +61,7 @@ def risk(rng: Rng) -> Iterator[Check]:
 def _guide_limits(scenario: csw.Scenario, guide: csw.Guide) -> Iterator[Check]:
     """A guide arrives, within the limits of speed and, if they apply to it, of acceleration."""
     v_max, velocity = scenario.swarm.v_max, scenario.swarm.velocity
-    yield Check("guide, speed", float(np.abs(guide.velocities).max()) / v_max - 1, 1e-12)
+    yield Check("guide, speed", speed(scenario, guide.velocities) - 1, 1e-12)
     inside = scenario.target.contains(guide.positions)
     yield Check("guide, first arrival", float(inside.argmax() != guide.arrival or not inside.any()))
     if not scenario.guide.acceleration_limited:
@@ -94,6 +94,12 @@ def _along(paths: _Paths, value: csw.ValueFunction, velocities: np.ndarray) -> I
         yield Check("risk to go", low - to_go, limit, f"step {step}: {low!r} > {to_go!r}")
 
 
+def _plain(scenario: csw.Scenario) -> bool:
+    """Whether value functions treat it."""
+    parts, others = scenario.time.substeps, scenario.target.other
+    return parts == 1 and not others and scenario.swarm.speed == "box"
+
+
 def _arrived(scenario: csw.Scenario, position: np.ndarray) -> bool:
     """Whether a point is in one of the target zones."""
     discs = [scenario.target, *scenario.target.other]
@@ -112,7 +118,7 @@ class _Paths:
         scenario = self.scenario
         position = np.array(scenario.guide_start)
         positions = [position]
-        for velocity in np.clip(velocities, -self.limit, self.limit)[: scenario.n_steps]:
+        for velocity in shortened(scenario, velocities, _SPEED)[: scenario.n_steps]:
             position = position + scenario.time.dt * velocity
             positions.append(position)
             if _arrived(scenario, position):
@@ -224,7 +230,7 @@ def success(rng: Rng) -> Iterator[Check]:
     clocks = csw.success_bound(scenario, nodes, max_work=0)
     yield Check("success, never above clocks", bound.value - clocks.value, 0.0, f"{bound} {clocks}")
     yield Check("success, certified", float(not bound.certified))
-    plain = scenario.time.substeps == 1 and not scenario.target.other
+    plain = _plain(scenario)
     if scenario.n <= 6:
         best = _climbed(rng, scenario)
         detail = f"{best!r} > {bound.value!r} ({bound.method})"
@@ -262,7 +268,7 @@ def _climbed(rng: Rng, scenario: csw.Scenario) -> float:
     for _ in range(3 * _CLIMBS):
         shape = (len(moves), 1 if rng.random() < 0.5 else scenario.n, 1)
         noise = scale * rng.normal(size=moves.shape) * (rng.random(shape) < 0.5) * (best >= 0)
-        trial = np.clip(moves + noise, -reach, reach)
+        trial = shortened(scenario, (moves + noise) / scenario.time.dt) * scenario.time.dt
         path = np.concatenate([np.zeros((1, scenario.n, 2)), np.cumsum(trial, axis=0)])
         plan = PlanDistribution.from_positions(scenario, scenario.positions + path)
         if plan.success.low > best:
@@ -283,7 +289,8 @@ def _below(scenario: csw.Scenario, policy: object, bound: csw.SuccessBound) -> C
 def joint(rng: Rng) -> Iterator[Check]:
     """Claim 8: a joint plan is what it states, within its limits and `success_bound`."""
     scenario = in_time(rng, draw(rng, members=(1, 3), steps=(2, 8)))
-    scenario = scenario.replace(time={"substeps": 1}, target={"other": ()})
+    plain = {"time.substeps": 1, "target.other": None, "swarm.speed": "box"}
+    scenario = scenario.with_values(plain)
     plan = csw.plan_swarm(scenario, seed=int(rng.integers(1000)), time_limit=10.0)
     assert plan.distribution is not None
     assert plan.success is not None

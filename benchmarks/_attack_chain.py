@@ -105,7 +105,7 @@ def intervals(rng: Rng) -> Iterator[Trial]:
 
 def limits(rng: Rng) -> Iterator[Check]:
     """Claim 5: applied velocities keep all limits, and the infeasible are those who miss."""
-    scenario = draw(rng, steps=(2, 14))
+    scenario = draw(rng, steps=(2, 14)).replace(swarm={"speed": "box"})
     guide = csw.plan(scenario, certify=False)
     name = str(rng.choice([*POLICIES, "leader-mpc-3", "constrained-mpc-3", "pushing"]))
     if name == "pushing":

@@ -116,6 +116,23 @@ class Rates:
         return np.where(squared >= core, squared, (core + squared**2 / core) / 2)
 
 
+def shortened(scenario: csw.Scenario, velocities: np.ndarray, factor: float = 1.0) -> np.ndarray:
+    """Velocities (..., 2) within the limits of speed, times a factor."""
+    limit = factor * scenario.swarm.v_max
+    within = np.clip(velocities, -limit, limit)
+    if scenario.swarm.speed == "box":
+        return within
+    length = np.hypot(within[..., 0], within[..., 1])[..., None]
+    return within * np.minimum(1.0, limit / np.maximum(length, 1e-300))
+
+
+def speed(scenario: csw.Scenario, velocities: np.ndarray) -> float:
+    """Largest speed of velocities (..., 2), relative to its limit."""
+    box = scenario.swarm.speed == "box"
+    largest = np.abs(velocities) if box else np.hypot(velocities[..., 0], velocities[..., 1])
+    return float(largest.max()) / scenario.swarm.v_max
+
+
 def _distances(zone: ZoneTable, points: np.ndarray) -> np.ndarray:
     """Distances (...) of points (..., 2) from the disc or polygon of a zone."""
     if zone.vertices is None:

@@ -35,6 +35,8 @@ def draw(
     if rng.random() < 0.2:
         data["hazard"]["zone"] = _zones(rng, data)
     if rng.random() < 0.15:
+        data["swarm"]["speed"] = "disc"
+    if rng.random() < 0.15:
         data["time"]["substeps"] = int(rng.integers(2, 5))
     if rng.random() < 0.15:
         data["target"]["other"] = [_other_target(rng, data)]

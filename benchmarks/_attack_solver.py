@@ -23,7 +23,7 @@ _SAME = 1e-2  # of v_max: an end of Ipopt within it is the same minimum
 
 def solver(rng: Rng) -> Iterator[Check]:
     """Claim 6: residuals are as reported, and Ipopt from the answer finds none better near it."""
-    scenario = draw(rng)
+    scenario = draw(rng).replace(swarm={"speed": "box"})
     corridor = bool(rng.random() < 0.5)
     step = _states(rng, scenario)
     if corridor:

@@ -46,6 +46,7 @@ COMMANDS = {
     "plan-blink": ["plan", "blink"],
     "plan-zones": ["plan", "paper-1", *ANYWHERE, "--set", f"hazard.zone=[{DISC}, {TRIANGLE}]"],
     "plan-targets": ["plan", "paper-1", *ANYWHERE, "--set", f"target.other=[{NORTH}]"],
+    "plan-disc": ["plan", "paper-1", *ANYWHERE, "--set", "swarm.speed=disc"],
     "arrivals": [
         *("sweep", "gauntlet", "--set", "success.arrivals=1,2,3,4,5"),
         *("--policy", "leader", "--policy", "constrained", "--policy", "joint"),
@@ -77,6 +78,7 @@ FIGURES = {
     "plan-blink": ("guide",),
     "plan-zones": ("guide",),
     "plan-targets": ("guide",),
+    "plan-disc": ("guide",),
     "arrivals": ("over-success-arrivals",),
     "substeps": ("over-time-substeps",),
     "compare": ("overview", "convergence-formations-cold"),

@@ -232,6 +232,8 @@ def arrival_multiplier(task: Relaxation, positions: FloatArray) -> float:
     slopes = task.dt * (rates[0] - rates[1]) / (2e-6 * task.step)
     gradients = np.cumsum(slopes[::-1], axis=0)[::-1]
     moves = np.diff(positions, axis=0)
+    if task.disc:
+        return _multiplier_of_disc(task, moves, gradients, normal)
     free = np.abs(moves) < task.step * (1 - 1e-4)
     weight = float((normal[free] ** 2).sum())
     if weight > 1e-6:
@@ -239,3 +241,19 @@ def arrival_multiplier(task: Relaxation, positions: FloatArray) -> float:
     toward = ~free & (np.sign(moves) * normal < -1e-6)
     needed = gradients[toward] / -normal[toward]
     return max(0.0, float(needed.max(initial=0.0)))
+
+
+def _multiplier_of_disc(
+    task: Relaxation, moves: FloatArray, gradients: FloatArray, normal: FloatArray
+) -> float:
+    """`arrival_multiplier` where the length of a step is limited.
+
+    At that limit a_t + multiplier n vanishes across the direction of the step only.
+    """
+    length = np.hypot(*moves.T)[:, None]
+    along = moves / np.maximum(length, 1e-300)
+    limited = length >= task.step * (1 - 1e-4)
+    across = [v - np.where(limited, (v * along).sum(axis=1)[:, None] * along, 0.0)
+              for v in (gradients, normal)]  # fmt: skip
+    weight = float((across[1] ** 2).sum())
+    return max(0.0, -float((across[0] * across[1]).sum()) / weight) if weight > 1e-6 else 0.0

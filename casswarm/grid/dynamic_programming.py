@@ -6,9 +6,10 @@ any node with a finite terminal cost. Its cost is the sum of its nodes' costs an
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -18,7 +19,7 @@ import numpy as np
 from ..hazard import Hazard
 from ..hazard.rate_bounds import cap_radius
 from ..typing import FloatArray
-from .nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, extremum_within_reach
+from .nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, Window, extremum_within_reach
 
 Node: TypeAlias = tuple[int, int]
 Values: TypeAlias = list[list[FloatArray]]
@@ -192,7 +193,7 @@ def backwards(
     grid, values = stage_costs.grid, list[FloatArray]()
     blocks: tuple[NodeBlock, ...] = ()
     for nodes, costs in zip(reversed(grid.nodes), reversed(stage_costs.nodes), strict=True):
-        after = [extremum_within_reach(values, blocks, each, grid.reach) for each in nodes]
+        after = [least_within_reach(values, blocks, each, grid.windows) for each in nodes]
         for to_go, each in zip(after, nodes, strict=True):
             np.minimum(to_go, stage_costs.terminal(each), out=to_go)
         scaled = costs if scale == 1.0 else [cost * scale for cost in costs]
@@ -227,7 +228,7 @@ def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
     values: list[FloatArray] = [np.zeros((1, 1))]
     last: tuple[NodeBlock, ...] = (START,)
     for blocks, costs in zip(grid.nodes, stage_costs.nodes, strict=True):
-        to_come = [extremum_within_reach(values, last, nodes, grid.reach) for nodes in blocks]
+        to_come = [least_within_reach(values, last, nodes, grid.windows) for nodes in blocks]
         yield to_come
         values = [value + cost for value, cost in zip(to_come, costs, strict=True)]
         last = blocks
@@ -236,18 +237,28 @@ def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
 def least_cost(stage_costs: StageCosts, to_go: Values) -> float:
     """Least cost of a path from the start, from the result of `costs_to_go`."""
     grid = stage_costs.grid
-    least = extremum_within_reach(to_go[0], grid.nodes[0], START, grid.reach)
+    least = least_within_reach(to_go[0], grid.nodes[0], START, grid.windows)
     if grid.stride > 1:  # a path may arrive before its first sample
         least = np.minimum(least, stage_costs.terminal(START))
     return float(least[0, 0])
 
 
+def least_within_reach(
+    values: list[FloatArray], blocks: Sequence[NodeBlock], to: NodeBlock, windows: Sequence[Window]
+) -> FloatArray:
+    """Least value at the nodes of any block in any of the windows around each of the nodes `to`."""
+    least = extremum_within_reach(values, blocks, to, windows[0])
+    for window in windows[1:]:
+        np.minimum(least, extremum_within_reach(values, blocks, to, window), out=least)
+    return least
+
+
 def best_node(
-    values: list[FloatArray], blocks: tuple[NodeBlock, ...], at: Node, reach: int
+    values: list[FloatArray], blocks: tuple[NodeBlock, ...], at: Node, windows: Sequence[Window]
 ) -> tuple[float, Node]:
-    """Least value within reach of a node, and its node; infinite if there is none."""
+    """Least value in any window around a node, and its node; infinite if there is none."""
     best, best_at = np.inf, at
-    for block, value in zip(blocks, values, strict=True):
+    for (block, value), reach in itertools.product(zip(blocks, values, strict=True), windows):
         near = NodeBlock(at, (1, 1)).grown(reach).common(block)
         window = value[near.within(block)]
         if window.size and window.min() < best:
@@ -261,7 +272,7 @@ def trace(stage_costs: StageCosts, to_go: Values, at: Node = (0, 0), sample: int
     """Nodes of a least-cost path from a node at a sample (0 is the start) to the target."""
     grid, path = stage_costs.grid, [at]
     for following in range(sample, len(grid.blocks)):
-        cost, node = best_node(to_go[following], grid.nodes[following], path[-1], grid.reach)
+        cost, node = best_node(to_go[following], grid.nodes[following], path[-1], grid.windows)
         stopping = stage_costs.terminal(NodeBlock(path[-1], (1, 1))) if following else np.inf
         if cost == np.inf or stopping <= cost:
             break
@@ -274,5 +285,5 @@ def trace_back(stage_costs: StageCosts, to_come: Values, at: Node, sample: int) 
     grid, path = stage_costs.grid, [at]
     for previous in reversed(range(sample - 1)):
         costs = [a + b for a, b in zip(to_come[previous], stage_costs.nodes[previous], strict=True)]
-        path.append(best_node(costs, grid.nodes[previous], path[-1], grid.reach)[1])
+        path.append(best_node(costs, grid.nodes[previous], path[-1], grid.windows)[1])
     return [(0, 0), *reversed(path[1:])]

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,9 +26,14 @@ UNIT = 2.0**-53  # unit roundoff of a double
 ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  # starts: all points of the plane
 
 _MAX_REACH = 64
+_RECTANGLES = 24  # that cover a disc of nodes
 _MIN_ACTIVE = 0.5  # active fraction of a block's cells below which it is split
 _MIN_CELLS = 256  # blocks of at most so many cells are not split
 _NO_WEIGHT = 1e-6  # at most so much weight may be due to the rounding of positions
+
+
+Window: TypeAlias = tuple[int, ...]
+"""Numbers of nodes within reach along each axis."""
 
 
 class NodeBlock(NamedTuple):
@@ -76,10 +81,11 @@ class NodeBlock(NamedTuple):
         first, last = np.maximum(self.first, other.first), np.minimum(self.last, other.last)
         return NodeBlock.between(first, last)
 
-    def grown(self, reach: int) -> NodeBlock:
-        """All nodes within reach, along every axis."""
-        shape = tuple(n + 2 * reach for n in self.shape)
-        return NodeBlock(tuple(i - reach for i in self.first), shape)
+    def grown(self, reach: int | Window) -> NodeBlock:
+        """All nodes within reach, along every axis or along each."""
+        each = (reach,) * len(self.first) if isinstance(reach, int) else reach
+        first = tuple(i - k for i, k in zip(self.first, each, strict=True))
+        return NodeBlock(first, tuple(n + 2 * k for n, k in zip(self.shape, each, strict=True)))
 
     def within(self, outer: NodeBlock) -> tuple[slice, ...]:
         """Slices of these nodes in the arrays of a block that holds them."""
@@ -158,7 +164,7 @@ def _split(block: CellBlock) -> Iterator[CellBlock]:
 
 
 def box_extremum(
-    values: FloatArray, at: NodeBlock, to: NodeBlock, reach: int, *, largest: bool = False
+    values: FloatArray, at: NodeBlock, to: NodeBlock, reach: int | Window, *, largest: bool = False
 ) -> FloatArray:
     """Least value within reach along every axis, or the largest one.
 
@@ -170,8 +176,8 @@ def box_extremum(
         At the nodes `at`, in the shape of that block.
     at, to : NodeBlock
         Nodes of the values and of the result, along the same axes.
-    reach : int
-        Number of nodes along each axis.
+    reach : int or tuple of int
+        Number of nodes along every axis, or along each.
     largest : bool
         Whether to take the largest value instead of the least.
 
@@ -182,7 +188,8 @@ def box_extremum(
         within reach, are filled with infinity, or with -infinity for the largest value; so with a
         reach of 0 it is the values, embedded.
     """
-    near = to.grown(reach).common(at)
+    each = (reach,) * len(at.shape) if isinstance(reach, int) else reach
+    near = to.grown(each).common(at)
     if 0 in near.shape:
         return np.full(to.shape, -np.inf if largest else np.inf)
     values = np.ascontiguousarray(values[near.within(at)])
@@ -192,7 +199,7 @@ def box_extremum(
         out = np.empty((*shape[:axis], to.shape[axis], *shape[axis + 1 :]))
         scratch = np.empty((2, shape[axis], LANES))
         first = to.first[axis] - near.first[axis]
-        running_extremum(values.ravel(), split, first, reach, largest, out.ravel(), scratch)
+        running_extremum(values.ravel(), split, first, each[axis], largest, out.ravel(), scratch)
         values = out
     return values
 
@@ -201,7 +208,7 @@ def extremum_within_reach(
     sources: Sequence[FloatArray],
     blocks: Sequence[NodeBlock],
     to: NodeBlock,
-    reach: int,
+    reach: int | Window,
     *,
     largest: bool = False,
 ) -> FloatArray:
@@ -253,6 +260,8 @@ class Relaxation:
         N, the last time step, and the length of one.
     least : LeastRate, optional
         phi of the single-agent rate b, the least rate of a member of a swarm, instead of that rate.
+    disc : bool
+        Whether s bounds the length of a step, too.
     """
 
     hazard: Hazard
@@ -264,6 +273,7 @@ class Relaxation:
     steps: int
     dt: float
     least: LeastRate | None = None
+    disc: bool = False
 
     @classmethod
     def from_scenario(
@@ -290,6 +300,7 @@ class Relaxation:
             speed=v_max * (1 + SPEED_TOL - rounding),
             steps=scenario.n_steps,
             dt=dt,
+            disc=scenario.swarm.speed == "disc",
         )
 
     @property
@@ -382,6 +393,11 @@ class Grid:
         """h, the side of a cell."""
         return self.stride * self.task.step / self.reach
 
+    @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        """Rectangles around a node that hold all nodes of the next sample within reach."""
+        return disc_windows(self.reach) if self.task.disc else ((self.reach, self.reach),)
+
     @property
     def size(self) -> int:
         """Number of nodes over all samples."""
@@ -415,6 +431,24 @@ class Grid:
         stride = self.stride // 2
         twice = tuple(fine for fine in blocks for _ in (0, 1))
         return replace(self, stride=stride, blocks=twice[: -(-self.task.steps // stride)])
+
+
+def disc_windows(reach: int) -> tuple[Window, ...]:
+    """Rectangles that hold the nodes (i, j) to which a disc of radius k = `reach` leads.
+
+    Rounding to nodes adds less than a spacing to each component of a move, so that they are at most
+    k + sqrt(2) away; ``docs/global-guide.md``, Speed in every direction.
+    """
+    radius = (reach + math.sqrt(2)) * (1 + 1e-12)
+    ends = radius * np.sin(np.linspace(0.0, math.pi / 2, _RECTANGLES + 1))[1:]
+    tops = sorted({min(reach, int(end)) for end in ends})
+    windows, first = [], 0
+    for top in tops:  # rows from `first` to `top` are at most as wide as the first of them
+        width = min(reach, int(math.sqrt(radius**2 - first**2)))
+        if top >= first:
+            windows.append((width, top))
+        first = top + 1
+    return tuple(windows)
 
 
 def node_count(task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None) -> int:

@@ -23,7 +23,7 @@ def scale(sets: PlanarSets, points: Array) -> Array:
     return np.abs(points).max(axis=-1) + reach.max(axis=-1, initial=0.0)
 
 
-def random_cases(rng: np.random.Generator, count: int) -> tuple[PlanarSets, Array]:
+def random_cases(rng: np.random.Generator, count: int, discs: int = 2) -> tuple[PlanarSets, Array]:
     """Half in general position, half on a coarse grid: tangent, nested, zero-width, concentric."""
     general, grid = count // 2, count - count // 2
 
@@ -32,7 +32,7 @@ def random_cases(rng: np.random.Generator, count: int) -> tuple[PlanarSets, Arra
 
     corner = np.concatenate([rng.normal(size=(general, 2)) - 1, integers(2)])
     width = np.concatenate([2 * rng.exponential(size=(general, 2)), np.abs(integers(2))])
-    centers = np.concatenate([rng.normal(size=(general, 2, 2)), integers(2, 2)])
-    radii = np.concatenate([1.5 * rng.exponential(size=(general, 2)), np.abs(integers(2))])
+    centers = np.concatenate([rng.normal(size=(general, discs, 2)), integers(discs, 2)])
+    radii = np.concatenate([1.5 * rng.exponential(size=(general, discs)), np.abs(integers(discs))])
     points = np.concatenate([2 * rng.normal(size=(general, 2)), 2 * integers(2)])
     return PlanarSets(corner, corner + width, centers, radii), points

@@ -43,10 +43,10 @@ def nested_search(sets: PlanarSets, points: Array) -> tuple[Array, Array, Array]
     return np.stack([x, y], axis=-1), far, np.maximum(gap, apart)
 
 
-@pytest.fixture(scope="module")
-def cases() -> Case:
-    """Thousands of non-empty sets and a point for each."""
-    sets, points = random_cases(np.random.default_rng(7), 60_000)
+@pytest.fixture(scope="module", params=[2, 3])
+def cases(request: pytest.FixtureRequest) -> Case:
+    """Thousands of non-empty sets with two or three discs, and a point for each."""
+    sets, points = random_cases(np.random.default_rng(7), 30_000 * request.param, request.param)
     some = ~sets.is_empty
     return sets[some], points[some]
 
@@ -61,8 +61,9 @@ def test_projection_equals_nested_search(cases: Case) -> None:
     assert np.hypot(*(nearest - points).T)[thick].max() > 3
 
 
-def test_emptiness_equals_nested_search() -> None:
-    sets, points = random_cases(np.random.default_rng(8), 60_000)
+@pytest.mark.parametrize("discs", [2, 3])
+def test_emptiness_equals_nested_search(discs: int) -> None:
+    sets, points = random_cases(np.random.default_rng(8), 60_000, discs)
     gap = nested_search(sets, points)[2]
     clear = np.abs(gap) > 1e-9
     np.testing.assert_array_equal(sets.is_empty[clear], gap[clear] > 0)
@@ -378,7 +379,7 @@ def test_sets_are_immutable_copies() -> None:
         ({"radii": 1.0}, "shapes"),
         ({"radii": [1.0, 2.0]}, "shapes"),
         ({"lower": [0.0, 0.0, 0.0]}, "shapes"),
-        ({"centers": np.zeros((3, 2)), "radii": np.ones(3)}, "K = 0, 1 or 2"),
+        ({"centers": np.zeros((4, 2)), "radii": np.ones(4)}, "K from 0 to 3"),
         ({"lower": np.zeros((3, 2)), "upper": np.ones((4, 2))}, "broadcast"),
     ],
 )

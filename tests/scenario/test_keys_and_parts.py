@@ -25,6 +25,7 @@ VALUES = {
     "success.arrivals": {"success.arrivals": 2},
     "time.substeps": {"time.substeps": 2},
     "target.other": {"target.other": [{"center": [0.2, 1.9], "radius": 0.4}]},
+    "swarm.speed": {"swarm.speed": "disc"},
 }
 
 
