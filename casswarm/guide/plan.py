@@ -107,7 +107,12 @@ def _certified_for_all(
         except PlanningError:  # the time is over
             return None
         until = (time.monotonic() if deadline is None else begun) + share
-        certificate = certify_guide(one, own, gap, until) if own.arrives else None
+        if own.arrives:
+            certificate = certify_guide(one, own, gap, until)
+        else:  # no path is known: that none to this target zone is better than the guide
+            task, left = Relaxation.from_scenario(one), max(0.0, until - time.monotonic())
+            bounded = task.bounded
+            certificate = certify(task, guide.risk, gap=gap, time_limit=left) if bounded else None
         if certificate is None:
             return None
         certificates.append(certificate)
