@@ -9,7 +9,7 @@ import numpy as np
 from _attack_acceleration import acceleration
 from _attack_model import Rates, shortened, speed
 from _attack_records import Check, Skip
-from _attack_scenarios import POLICIES, Rng, draw, in_time
+from _attack_scenarios import Rng, draw, in_time, is_plain, policies
 
 import casswarm as csw
 from casswarm.bounds import pair_bound
@@ -34,7 +34,7 @@ def risk(rng: Rng) -> Iterator[Check]:
         "random": list(_random_paths(rng, scenario)),
         "Ipopt": list(_ipopt_paths(rng, scenario)),
     }
-    value, plain = None, _plain(scenario)
+    value, plain = None, is_plain(scenario)
     if plain:
         value = csw.ValueFunction.from_scenario(scenario, 200_000)
         found["feedback"] = [_feedback_path(scenario, value)]
@@ -92,12 +92,6 @@ def _along(paths: _Paths, value: csw.ValueFunction, velocities: np.ndarray) -> I
         to_go = float(costs[step:].sum())
         limit = 64 * _EPS * len(costs) * to_go
         yield Check("risk to go", low - to_go, limit, f"step {step}: {low!r} > {to_go!r}")
-
-
-def _plain(scenario: csw.Scenario) -> bool:
-    """Whether value functions treat it."""
-    parts, others = scenario.time.substeps, scenario.target.other
-    return parts == 1 and not others and scenario.swarm.speed == "box"
 
 
 def _arrived(scenario: csw.Scenario, position: np.ndarray) -> bool:
@@ -230,7 +224,7 @@ def success(rng: Rng) -> Iterator[Check]:
     clocks = csw.success_bound(scenario, nodes, max_work=0)
     yield Check("success, never above clocks", bound.value - clocks.value, 0.0, f"{bound} {clocks}")
     yield Check("success, certified", float(not bound.certified))
-    plain = _plain(scenario)
+    plain = is_plain(scenario)
     if scenario.n <= 6:
         best = _climbed(rng, scenario)
         detail = f"{best!r} > {bound.value!r} ({bound.method})"
@@ -244,7 +238,7 @@ def success(rng: Rng) -> Iterator[Check]:
     for kind in ("toward", "together", "weaving"):
         pushing = _Pushing(scenario, kind, 10 ** rng.uniform(-0.3, 6))
         yield _below(scenario, csw.as_policy(pushing), bound)
-    for name in rng.choice(POLICIES, 2, replace=False):
+    for name in rng.choice(policies(scenario), 2, replace=False):
         yield _below(scenario, str(name), bound)
 
 

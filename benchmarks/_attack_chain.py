@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from _attack_model import enumerate_chain
 from _attack_records import Check, Skip, Trial
-from _attack_scenarios import POLICIES, Rng, draw, in_time
+from _attack_scenarios import Rng, draw, in_time, policies
 from scipy.stats import binom
 
 import casswarm as csw
@@ -30,7 +30,7 @@ def enumeration(rng: Rng) -> Iterator[Check]:
     scenario = in_time(rng, draw(rng, members=(1, 3), steps=(1, 4)))
     guide = csw.plan(scenario, certify=False)
     velocities = initial_velocities(scenario, guide)
-    name = str(rng.choice([*POLICIES, "leader-mpc-2", "constrained-mpc-2"]))
+    name = str(rng.choice(policies(scenario, 2)))
     policy = csw.make_policy(name, scenario, guide)
     commands: dict[str, Any] = {"guide": guide, "aggregation_tol": 0.0}
     exact = csw.evaluate(scenario, policy, 0.0, **commands)
@@ -62,7 +62,7 @@ def sampling(rng: Rng) -> Iterator[Check]:
     """
     scenario = in_time(rng, draw(rng, members=(2, 4), steps=(4, 12)))
     guide = csw.plan(scenario, certify=False)
-    name = str(rng.choice(POLICIES))
+    name = str(rng.choice(policies(scenario)))
     policy = csw.make_policy(name, scenario, guide)
     exact = {"guide": guide, "aggregation_tol": 0.0}
     bounds = csw.evaluate(scenario, policy, 1e-3, max_states=_STATES, **exact).success
@@ -83,7 +83,7 @@ def intervals(rng: Rng) -> Iterator[Trial]:
     """Claim 4: 95 % intervals of `simulate` and `estimate` contain the exact success."""
     scenario = draw(rng, members=(1, 3), steps=(3, 9))
     guide = csw.plan(scenario, certify=False)
-    policy = csw.make_policy(str(rng.choice(POLICIES)), scenario, guide)
+    policy = csw.make_policy(str(rng.choice(policies(scenario))), scenario, guide)
     exact = csw.evaluate(scenario, policy, _TOLERANCE, max_states=_STATES, guide=guide)
     if not exact.complete:
         raise Skip("exact bounds too wide")
@@ -107,7 +107,7 @@ def limits(rng: Rng) -> Iterator[Check]:
     """Claim 5: applied velocities keep all limits, and the infeasible are those who miss."""
     scenario = draw(rng, steps=(2, 14)).replace(swarm={"speed": "box"})
     guide = csw.plan(scenario, certify=False)
-    name = str(rng.choice([*POLICIES, "leader-mpc-3", "constrained-mpc-3", "pushing"]))
+    name = str(rng.choice([*policies(scenario, 3), "pushing"]))
     if name == "pushing":
         speed = scenario.swarm.v_max * 10 ** rng.uniform(-1, 9)
         policy = csw.as_policy(lambda t, x, _v, _a: speed * np.cos(t + 3 * x), name=name)

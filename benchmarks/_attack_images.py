@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from _attack_records import Check, Skip
 from _attack_scenarios import (
-    POLICIES,
     Data,
     Rng,
     data_of,
     draw,
     in_time,
     moved,
+    policies,
     scale_length,
     scale_time,
 )
@@ -40,7 +40,7 @@ def images(rng: Rng) -> Iterator[Check]:
     kind = str(rng.choice(["length", "time", "shifted", "mirrored", "turned", "permuted"]))
     if kind == "permuted" and scenario.n < 3:
         raise Skip("one member has one order, and the central of two is the first")
-    changed, policy = _image(rng, kind, data), str(rng.choice(POLICIES))
+    changed, policy = _image(rng, kind, data), str(rng.choice(policies(scenario)))
     before = _numbers(scenario, policy)
     try:
         after = _numbers(csw.Scenario.from_data(changed), policy)

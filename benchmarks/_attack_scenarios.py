@@ -14,7 +14,21 @@ import casswarm as csw
 Data = dict[str, Any]
 Rng = np.random.Generator
 
-POLICIES = ("naive", "leader", "constrained", "leader-feedback", "constrained-feedback")
+
+def is_plain(scenario: csw.Scenario) -> bool:
+    """Whether value functions treat it."""
+    parts, others = scenario.time.substeps, scenario.target.other
+    return parts == 1 and not others and scenario.swarm.speed == "box"
+
+
+def policies(scenario: csw.Scenario, horizon: int = 0) -> list[str]:
+    """Names of policies that treat a scenario, with a horizon those that plan ahead, too."""
+    names = ["naive", "leader", "constrained"]
+    if is_plain(scenario):
+        names += ["leader-feedback", "constrained-feedback"]
+    if horizon and scenario.swarm.speed == "box":
+        names += [f"leader-mpc-{horizon}", f"constrained-mpc-{horizon}"]
+    return names
 
 
 def draw(
