@@ -32,6 +32,7 @@ from _attack_solver import solver
 from _timing import print_table
 
 import casswarm as csw
+from casswarm.errors import CasswarmWarning
 
 CLAIMS: dict[str, Callable[[Rng], Iterator[Check] | Iterator[Trial]]] = {
     "risk": risk,
@@ -59,6 +60,8 @@ def run_draw(claim: str, seed: int, record: Record, verbose: bool = False) -> No
             if violated or verbose:
                 print(f"{'VIOLATED' if violated else 'holds'}: {entry}\n    {again}", flush=True)
     except Skip as reason:
+        record.skipped[str(reason)] += 1
+    except CasswarmWarning as reason:  # where warnings are errors: a plan that is no minimum
         record.skipped[str(reason)] += 1
     except csw.CasswarmError as error:
         record.skipped[type(error).__name__] += 1
