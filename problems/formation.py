@@ -5,6 +5,7 @@ The paper's section IV.B, both of its problems as one program with weights and a
     minimise    sum over s = 1..H, i of w_i lambda_i(X + dt u_s, alive)
     over        displacements u_1, ..., u_H in R^(2n),  v_s = u_s - u_{s-1},  u_0 = 0
     subject to  -v_max <= v_{s,i} <= v_max
+                ||v_{s,i}||^2 <= v_max^2                    if the speed has this limit, too
                 ||v_{s,i} - v_{s-1,i}||^2 <= a_max,  v_0 = V(t-1)   equation (5)
                 ||X_i + dt u_{s,i} - X*(t+s)||^2 <= r_{s,i}^2       equation (7), with a corridor
 
@@ -16,7 +17,7 @@ this is model predictive control, see ``docs/mpc.md``.
   is 0 where this determines their velocities, without collisions, and `FOLLOWER_WEIGHT` elsewhere.
 - **Constrained trajectory** (7): w is 1 for the living; every member has the corridor, r^2 = rho.
 
-For one step, the set of a member is a box and one or two discs in the plane, and that of a state
+For one step, the set of a member is a box and one to three discs in the plane, that of a state
 their product, `PlanarSets`. It can be empty, which the paper does not say. So the corridor and the
 leader's position are soft constraints: a member that cannot meet its own comes as close to it as
 v_max and a_max allow, and counts as infeasible. The destroyed do not move.

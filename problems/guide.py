@@ -196,7 +196,7 @@ def guide_instance(
             dynamics=0.0,
             acceleration=-np.inf,
             arrival=-np.inf,
-            **({"speed": -np.inf} if task.disc else {}),
+            **dict.fromkeys(disc, -np.inf),
         ),
         ubg=nlp.pack_constraints(
             dynamics=0.0,

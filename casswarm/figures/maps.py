@@ -55,10 +55,11 @@ class LabelPlaces:
         self.distance = width * scaled(_OFFSET) / (72 * _MAP * current_theme().width)
         radars = scenario.hazard.radar_positions.reshape(-1, 2)
         points = np.vstack([path.reshape(-1, 2) for path in paths])
-        self.centers = np.vstack([points, radars, np.asarray(scenario.target.center)[None]])
+        targets = scenario.target.discs
+        self.centers = np.vstack([points, radars, [disc.center for disc in targets]])
         self.radii = np.zeros(len(self.centers))
         self.radii[len(points) :] = 0.8 * self.distance
-        self.radii[-1] += scenario.target.radius
+        self.radii[-len(targets) :] += [disc.radius for disc in targets]
 
     def add(self, axes: Axes, text: str, point: FloatArray) -> None:
         """Write a label beside a point (2,)."""
@@ -473,9 +474,9 @@ def _close_up(
     """Add a close-up of where few paths join, clear of landmarks and of `others` (N, 2)."""
     if not 1 < len(paths) <= len(MEMBERS):
         return
-    radius = scenario.target.radius * np.array([[0, 0], [0, 1], [1, 0], [0, -1], [-1, 0]])
-    target = np.asarray(scenario.target.center) + radius
-    obstacles = np.vstack([target, scenario.hazard.radar_positions.reshape(-1, 2), others])
+    cross = np.array([[0, 0], [0, 1], [1, 0], [0, -1], [-1, 0]])
+    targets = [np.asarray(disc.center) + disc.radius * cross for disc in scenario.target.discs]
+    obstacles = np.vstack([*targets, scenario.hazard.radar_positions.reshape(-1, 2), others])
     add_closeup(axes, paths, obstacles)
 
 

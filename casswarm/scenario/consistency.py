@@ -56,8 +56,8 @@ def doubts(scenario: Scenario) -> Iterator[str]:
     for first, second in _equal_points(hazard.radars):  # radars in time may take turns
         yield f"hazard.radars[{first}] and [{second}] are the same point: their rates are added"
     for k, zone in enumerate(hazard.zone):
-        if zone.contains(target.center):
-            yield f"hazard.zone[{k}] contains the target's centre, where members must arrive"
+        if any(zone.contains(disc.center) for disc in target.discs):
+            yield f"hazard.zone[{k}] contains a target's centre, where members arrive"
     for k, inside in enumerate(target.contains(scenario.hazard.radar_positions.reshape(-1, 2))):
         if inside:
             yield f"hazard.radars[{k}] lies in the target zone, where members must arrive"

@@ -64,7 +64,7 @@ class ZoneTable(Table):
         if self.vertices is None:
             return float(np.hypot(*np.subtract(point, self.center))) <= (self.radius or 0.0)  # type: ignore[arg-type]
         corners = np.array(self.vertices)
-        sides = np.diff(corners, axis=0, append=corners[:1])
+        sides = _sides(corners)
         beside = sides[:, 0] * (point[1] - corners[:, 1]) - sides[:, 1] * (point[0] - corners[:, 0])
         return bool((beside >= 0).all() or (beside <= 0).all())
 
@@ -93,8 +93,8 @@ class ZoneTable(Table):
             yield f"{key}.{name} and {key}.vertices are both given; remove one of them"
         corners = np.array(self.vertices)
         turns = _turns(corners)
-        sides = np.hypot(*np.diff(corners, axis=0, append=corners[:1]).T)
-        least = _FLAT * sides * np.roll(sides, -1)
+        lengths = np.hypot(*_sides(corners).T)
+        least = _FLAT * lengths * np.roll(lengths, -1)
         if not ((turns > least).all() or (turns < -least).all()) or not _once_around(corners):
             yield (
                 f"{key}.vertices are not those of a convex polygon, in order, without three on a "
@@ -102,16 +102,21 @@ class ZoneTable(Table):
             )
 
 
+def _sides(corners: np.ndarray) -> np.ndarray:
+    """Sides (m, 2) of a polygon, from each corner to the next."""
+    return np.diff(corners, axis=0, append=corners[:1])
+
+
 def _turns(corners: np.ndarray) -> np.ndarray:
     """Cross products (m,) of successive sides."""
-    sides = np.diff(corners, axis=0, append=corners[:1])
+    sides = _sides(corners)
     after = np.roll(sides, -1, axis=0)
     return np.asarray(sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0])
 
 
 def _once_around(corners: np.ndarray) -> bool:
     """True if the sides turn once, unlike those of a star."""
-    sides = np.diff(corners, axis=0, append=corners[:1])
+    sides = _sides(corners)
     after = np.roll(sides, -1, axis=0)
     turns = np.arctan2(_turns(corners), (sides * after).sum(axis=1))
     return bool(abs(turns.sum()) < 3 * np.pi)
