@@ -251,6 +251,8 @@ class JointTask:
         Between members at every step after the first; 0 for none.
     needed : int
         Number of living members in the target that ends a run.
+    counting : (n,) bool, optional
+        Members whose arrival counts; all by default.
     """
 
     start: FloatArray
@@ -262,6 +264,7 @@ class JointTask:
     steps: int
     min_distance: float = 0.0
     needed: int = 1
+    counting: BoolArray | None = None
 
     @classmethod
     def from_scenario(
@@ -278,6 +281,7 @@ class JointTask:
             steps=scenario.n_steps,
             min_distance=min_distance,
             needed=scenario.success.arrivals,
+            counting=None if scenario.swarm.kind is None else scenario.swarm.counting,
         )
 
 
@@ -308,19 +312,22 @@ def _instance(
     nlp: Nlp, form: JointForm, task: JointTask, arrivals: IntArray, velocities: FloatArray
 ) -> Instances:
     n, steps, motion = form.n, form.horizon, task.motion
-    length = motion.dt * motion.v_max
+    length, unit = motion.dt * motion.v_max, motion.v_max
+    speeds, changes = motion.bounds[:, :1] / unit, motion.bounds[:, 1] / unit**2
     arriving = np.arange(1, steps + 1)[:, None] == arrivals  # (N, n)
     last = int(arrivals.max()) if arrivals.all() else task.steps
     moving = np.arange(steps)[:, None] < last  # (N, 1)
     guess = np.zeros((steps, n, 2))
     guessed = min(len(velocities), last)
-    guess[:guessed] = np.clip(velocities[:guessed] / motion.v_max, -1.0, 1.0)
+    guess[:guessed] = np.clip(velocities[:guessed] / unit, -speeds, speeds)
+    fastest = np.broadcast_to(speeds, (n, 2)).ravel()
     origin = task.start.mean(axis=0)
     terminal: dict[str, ArrayLike] = {}
     if form.exact:
-        costs, ended, last_cost = terminal_costs(form.objective, n, arriving, task.needed)
+        counting = arriving if task.counting is None else arriving & task.counting
+        costs, ended, last_cost = terminal_costs(form.objective, n, counting, task.needed)
         terminal = {"continues": ~ended, "costs": costs, "last_cost": last_cost[None]}
-    change = np.where(moving, motion.a_max / motion.v_max**2, np.inf)
+    change = np.where(moving, changes, np.inf)
     lower: dict[str, ArrayLike] = {"acceleration": -np.inf, "arrival": -np.inf}
     upper: dict[str, ArrayLike] = {
         "acceleration": tightened(change),
@@ -339,14 +346,14 @@ def _instance(
             **terminal,
             arrivals=arriving,
             start=((task.start - origin) / length).reshape(1, -1),
-            initial_velocities=(task.initial_velocities / motion.v_max).reshape(1, -1),
+            initial_velocities=(task.initial_velocities / unit).reshape(1, -1),
             center=((task.center - origin) / length)[None],
             origin=origin[None],
             length=length,
             clock=motion.dt,
         ),
-        lbx=nlp.pack_variables(velocities=np.where(moving, -1.0, 0.0)),
-        ubx=nlp.pack_variables(velocities=np.where(moving, 1.0, 0.0)),
+        lbx=nlp.pack_variables(velocities=np.where(moving, -fastest, 0.0)),
+        ubx=nlp.pack_variables(velocities=np.where(moving, fastest, 0.0)),
         lbg=nlp.pack_constraints(**lower),
         ubg=nlp.pack_constraints(**upper),
     )
@@ -357,8 +364,8 @@ def terminal_costs(
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Costs of runs by the step at which they end and the set d that is alive then.
 
-    `inside` (N, n) tells whether each member is in the target at steps 1..N, and `needed` how many
-    living ones end a run. Costs (N, 2^n) are of runs that end so at a step, 0 where they do not;
+    `inside` (N, n) tells whether each member that counts is in the target at steps 1..N, and
+    `needed` how many living ones end a run. Costs (N, 2^n) are of runs that end so at a step, 0 where they do not;
     then whether they do (N, 2^n); and costs (2^n,) of runs that end after step N without success.
     """
     members = subsets(n).members

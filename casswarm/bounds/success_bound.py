@@ -113,8 +113,9 @@ def success_bound(
 ) -> SuccessBound:
     """Proven upper bound on the success probability of every policy.
 
-    The bound covers feedback, randomised and history-dependent policies, with any acceleration. It
-    depends on the speed of the machine only if a time limit ends its refinement.
+    The bound covers feedback, randomised and history-dependent policies, with any acceleration.
+    Where members differ, all of them are as safe, fast and protective as any (a relaxation), and
+    the level game lets all arrivals count. It depends on the speed of the machine only if a time limit ends its refinement.
 
     Parameters
     ----------
@@ -161,7 +162,8 @@ def success_bound(
 def _bound(
     scenario: Scenario, max_nodes: int, max_work: float, accuracy: float, time_limit: float
 ) -> SuccessBound:
-    started = time.monotonic()
+    started, counting = time.monotonic(), scenario.swarm.counting
+    scenario = scenario.most_favourable
     discs, least = scenario.target.discs, scenario.hazard.least_rate(scenario.n)
     tasks = [Relaxation.from_scenario(scenario, target=disc) for disc in discs]
     task, among = tasks[0], [replace(each, least=least) for each in tasks]
@@ -173,7 +175,7 @@ def _bound(
         )
         return SuccessBound(0.0, (0.0,) * scenario.n, reason)
     risks = np.min([lowest_risks(a, scenario.positions, max_nodes) for a in among], axis=0)
-    failure = _ROUND_DOWN * _fewer_than(scenario.success.arrivals, risks)
+    failure = _ROUND_DOWN * _fewer_than(scenario.success.arrivals, risks[counting])
     method, limited = CLOCKS, False
     # the game has one target, and does not know that those lost within a step protect to its end
     plain = scenario.time.substeps == len(discs) == 1

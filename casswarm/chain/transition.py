@@ -87,10 +87,10 @@ class Lattice:
         """
         motion = Motion.from_scenario(scenario)
         path = np.stack([guide.reference(step) for step in range(scenario.n_steps + 1)])
-        reach = motion.dt * motion.v_max
+        reach, slowest = motion.dt * motion.v_max, motion.dt * float(motion.limits[:, :2].min())
         extent = max(np.abs(scenario.positions).max(), np.abs(path).max())
         finest = _FINEST * (float(extent) + scenario.n_steps * reach)
-        coarsest = _COARSEST * min(reach, motion.dt * motion.max_change)
+        coarsest = _COARSEST * slowest
         if spacing is None:
             allowed = accuracy > 0 and finest <= coarsest
             spacing = min(max(accuracy * reach, finest), coarsest) if allowed else 0.0
@@ -185,9 +185,9 @@ class Transition:
     survival : (B, n)
         Probability that a living member survives the step; 1, without meaning, for the destroyed.
     inside : (B, n) bool
-        Members in the target zone at X(t+1).
+        Members in the target zone at X(t+1), of those that count.
     arrivals : int
-        Number of survivors in the target zone that ends the run.
+        Number of survivors among these that ends the run.
     counts : dict of name to (B,) int
         The counts of `COUNTS`.
     """
@@ -244,8 +244,9 @@ def transition(
     )
     decision = policy.decide(step, positions, previous_velocities, alive)
     commanded = checked_velocities(policy.name, step, decision.velocities, alive)
-    sets = Motion.from_scenario(scenario).sets(previous_velocities)
-    excess = np.where(alive, sets.violation(commanded) / scenario.swarm.v_max, 0.0)
+    motion = Motion.from_scenario(scenario)
+    sets = motion.sets(previous_velocities)
+    excess = np.where(alive, sets.violation(commanded) / motion.v_max, 0.0)
     exceeds = excess > SPEED_TOL
     velocities = commanded.copy()
     if exceeds.any():
@@ -260,7 +261,7 @@ def transition(
         velocities=velocities,
         positions=following,
         survival=np.exp(-scenario.time.dt * _rates(scenario, step, positions, following, alive)),
-        inside=scenario.target.contains(following),
+        inside=scenario.swarm.counted(scenario.target.contains(following)),
         arrivals=scenario.success.arrivals,
         counts=dict(zip(COUNTS, counts, strict=True)),
     )

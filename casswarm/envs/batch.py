@@ -143,12 +143,14 @@ class SwarmBatch:
         motion, target = Motion.from_scenario(self.scenario), self.scenario.target
         return step_kernels.Limits(
             motion.limits,
+            motion.v_max,
             SPEED_TOL,
             SATURATION_TOL,
             motion.dt,
             *target.center,
             target.radius,
             self.scenario.success.arrivals,
+            self.scenario.swarm.counting,
             self.scenario.n_steps,
         )
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..chain.monte_carlo import write_uniforms
 from ..compiled.kernels import kernel
-from ..motion.planar_kernels import MotionLimits, motion_set, projected, violation
+from ..motion.planar_kernels import motion_set, projected, violation
 from ..typing import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 2.0**-50  # more than the error of 1 - risk
@@ -46,7 +46,8 @@ class Limits(NamedTuple):
     both relative to v_max.
     """
 
-    motion: MotionLimits
+    motion: FloatArray  # (n, 3) or (1, 3), as of `planar_kernels.motion_set`
+    v_max: float
     allowed: float
     counted: float
     dt: float
@@ -54,6 +55,7 @@ class Limits(NamedTuple):
     north: float
     radius: float
     arrivals: int
+    counting: BoolArray  # (n,)
     n_steps: int
 
 
@@ -93,8 +95,8 @@ def move(
             if not (math.isfinite(vx) and math.isfinite(vy)):
                 return b * n + i
             previous = swarms.velocities[b, i]
-            motion_set(previous[0], previous[1], limits.motion, sets, 0)
-            excess = violation(vx, vy, sets, 0) / limits.motion[0]
+            motion_set(previous[0], previous[1], limits.motion, i, sets, 0)
+            excess = violation(vx, vy, sets, 0) / limits.v_max
             if excess > limits.allowed:
                 vx, vy, _ = projected(vx, vy, sets, 0)
             if excess > limits.counted:
@@ -116,7 +118,7 @@ def advance(
 ) -> None:
     """Draw the survivors of the active swarms and advance them; `draws` (n,) is overwritten.
 
-    A run ends when `arrivals` living members are in the target, with the last destruction, or at
+    A run ends when `arrivals` living members that count are in the target, with the last destruction, or at
     the horizon.
     """
     for b in range(active.size):
@@ -137,7 +139,8 @@ def advance(
                 survivors += 1
                 east = moves.positions[b, i, 0] - limits.east
                 north = moves.positions[b, i, 1] - limits.north
-                if max(abs(east), abs(north)) <= limits.radius:  # most need no root
+                near = max(abs(east), abs(north)) <= limits.radius  # most need no root
+                if near and limits.counting[i]:
                     inside += math.hypot(east, north) <= limits.radius
         arrived = inside >= limits.arrivals
         swarms.steps[b] += 1

@@ -2,7 +2,8 @@
 
 The same sums as `casswarm.hazard.kernel_hazard` assembles in matrix form: the objective of
 `casswarm.problems.formation`, with its layout of x and p. Every pair of members is evaluated once.
-`scratch` (n (n + 8),) is overwritten.
+`scratch` (n (n + 8),) is overwritten; its last n entries are what each of the living adds to the
+densities of others, where members differ.
 
 In large swarms the order of sums is free, so that loops over pairs are vectorised, and diagonal
 blocks of the Hessian are written too, one for every member: the members' curvatures differ by
@@ -14,6 +15,7 @@ from __future__ import annotations
 from ..compiled.kernels import kernel
 from ..hazard.rate_kernels import (
     COLLIDES,
+    DIFFER,
     FIRST_RADAR,
     Parameters,
     collision,
@@ -46,19 +48,23 @@ def evaluate_few(
     densities, collisions = scratch[2 * n : 3 * n], scratch[3 * n : 4 * n]
     gradient_east, gradient_north = scratch[4 * n : 5 * n], scratch[5 * n : 6 * n]
     members = scratch[6 * n : 7 * n]
-    first, living = gather(x, p, scratch)
+    first, living = gather(x, p, constants, scratch)
     alone = living > 0 and p[4 * n + int(members[living - 1])] == 0.0
     if not alone:
         sum_pairs(n, first, living, parameters, scratch)
     own_density, objective = density(0.0, parameters)[0], 0.0
+    shares = scratch[n * (n + 7) :]
     for k in range(first):
         densities[k], collisions[k] = 0.0, 0.0
         gradient_east[k], gradient_north[k] = 0.0, 0.0
     for k in range(first, living):
-        weight = p[5 * n + int(members[k])]
+        i = int(members[k])
+        weight, own = p[5 * n + i], shares[k] * own_density if DIFFER else own_density
         rate, gradient_east[k], gradient_north[k], densities[k], collisions[k] = member_rate(
+            i,
+            n,
             (east[k], north[k]),
-            (densities[k] + own_density, collisions[k]),
+            (densities[k] + own, collisions[k]),
             2.0 * dt * weight,
             constants,
             parameters,
@@ -81,13 +87,15 @@ def evaluate_many(
     """Objective of x (2n,); its gradient is written, and where it has 5n entries, the blocks."""
     objective: float = evaluate_few(x, p, constants, gradient, scratch)
     if gradient.size > x.size:
-        first, living = gather(x, p, scratch)
+        first, living = gather(x, p, constants, scratch)
         write_blocks(first, living, p, constants, scratch, gradient[x.size :])
     return objective
 
 
 @kernel
-def gather(x: FloatArray, p: FloatArray, scratch: FloatArray) -> tuple[int, int]:
+def gather(
+    x: FloatArray, p: FloatArray, constants: FloatArray, scratch: FloatArray
+) -> tuple[int, int]:
     """Write coordinates and indices of members that are alive or have a weight; set sums to zero.
 
     Returned are the first that has a weight, and their number.
@@ -103,6 +111,8 @@ def gather(x: FloatArray, p: FloatArray, scratch: FloatArray) -> tuple[int, int]
                 scratch[living] = p[2 * i] + dt * x[2 * i]
                 scratch[n + living] = p[2 * i + 1] + dt * x[2 * i + 1]
                 scratch[2 * n + living], scratch[3 * n + living] = 0.0, 0.0
+                if DIFFER:
+                    scratch[n * (n + 7) + living] = constants[constants.size - n + i]
                 living += 1
     return first, living
 
@@ -112,15 +122,15 @@ def sum_pairs(n: int, first: int, living: int, parameters: Parameters, scratch: 
     """Add the densities and collisions of the same pairs; keep their slopes."""
     east, north = scratch[:n], scratch[n : 2 * n]
     densities, collisions = scratch[2 * n : 3 * n], scratch[3 * n : 4 * n]
-    pairs, start = scratch[7 * n :], 0
+    pairs, shares, start = scratch[7 * n :], scratch[n * (n + 7) :], 0
     for i in range(first, living):
         east_i, north_i, total = east[i], north[i], 0.0
         slopes = pairs[start : start + i]
         for j in range(i):
             de, dn = east_i - east[j], north_i - north[j]
             value, slopes[j] = density(de * de + dn * dn, parameters)
-            total += value
-            densities[j] += value
+            total += shares[j] * value if DIFFER else value
+            densities[j] += shares[i] * value if DIFFER else value
         densities[i] += total
         start += i
         if COLLIDES:
@@ -141,12 +151,12 @@ def pair_gradients(n: int, first: int, living: int, scratch: FloatArray) -> None
     east, north = scratch[:n], scratch[n : 2 * n]
     densities, collisions = scratch[2 * n : 3 * n], scratch[3 * n : 4 * n]
     gradient_east, gradient_north = scratch[4 * n : 5 * n], scratch[5 * n : 6 * n]
-    pairs, start = scratch[7 * n :], 0
+    pairs, shares, start = scratch[7 * n :], scratch[n * (n + 7) :], 0
     for i in range(first, living):
         east_i, north_i, own = east[i], north[i], densities[i]
         slopes = pairs[start : start + i]
         for j in range(i):
-            slopes[j] *= own + densities[j]
+            slopes[j] *= shares[j] * own + shares[i] * densities[j] if DIFFER else own + densities[j]
         start += i
         if COLLIDES:
             own = collisions[i]
@@ -182,6 +192,7 @@ def write_blocks(
     by_density, by_collision = scratch[2 * n : 3 * n], scratch[3 * n : 4 * n]
     twice_density, mixed = scratch[7 * n : 8 * n], scratch[8 * n : 9 * n]
     twice_collision, squared_dt = scratch[9 * n : 10 * n], p[6 * n + 2] * p[6 * n + 2]
+    shares = scratch[n * (n + 7) :]
     for c in range(3 * n):
         blocks[c] = 0.0
     for i in range(first):
@@ -196,9 +207,15 @@ def write_blocks(
         for j in range(living):
             de, dn = east_i - east[j], north_i - north[j]
             _, slope, curvature = second_density(de * de + dn * dn, parameters)
-            factor = density_i + by_density[j]
-            around += factor * slope if j != i else 0.0
-            factor = factor * curvature + twice_density[j] * slope * slope
+            if DIFFER:
+                factor = shares[j] * density_i + shares[i] * by_density[j]
+                around += factor * slope if j != i else 0.0
+                factor, slope = factor * curvature, shares[i] * slope
+            else:
+                factor = density_i + by_density[j]
+                around += factor * slope if j != i else 0.0
+                factor *= curvature
+            factor += twice_density[j] * slope * slope
             if COLLIDES:
                 _, steepness, curvature = second_collision(de * de + dn * dn, parameters)
                 other = collision_i + by_collision[j]
@@ -229,8 +246,8 @@ def own_curvature(
     risk, risk_east, risk_north, east_east, east_north, north_north = second_zone(
         east_i, north_i, parameters
     )
-    around = 0.0
-    for r in range(FIRST_RADAR, constants.size, 3):
+    around, last = 0.0, constants.size - 2 * n if DIFFER else constants.size
+    for r in range(FIRST_RADAR, last, 3):
         de, dn, strength = east_i - constants[r], north_i - constants[r + 1], constants[r + 2]
         value, slope, curvature = second_source(de * de + dn * dn, parameters)
         risk += strength * value
@@ -240,10 +257,18 @@ def own_curvature(
         east_east += 4.0 * strength * curvature * de * de
         east_north += 4.0 * strength * curvature * de * dn
         north_north += 4.0 * strength * curvature * dn * dn
+    if DIFFER:
+        exposure = constants[last + k // 3]
+        risk, risk_east, risk_north = exposure * risk, exposure * risk_east, exposure * risk_north
+        around, east_east = exposure * around, exposure * east_east
+        east_north, north_north = exposure * east_north, exposure * north_north
     densities, density_east, density_north = 0.0, 0.0, 0.0
     for j in range(living):
         de, dn = east_i - east[j], north_i - north[j]
         value, slope = density(de * de + dn * dn, parameters)
+        if DIFFER:
+            share = scratch[n * (n + 7) + j]
+            value, slope = share * value, share * slope
         densities += value
         density_east += 2.0 * slope * de
         density_north += 2.0 * slope * dn

@@ -17,7 +17,6 @@ import numpy as np
 from ..compiled.kernels import allocating_kernel, kernel
 from ..motion.planar_kernels import (
     WIDTH,
-    MotionLimits,
     approach,
     fix,
     motion_set,
@@ -72,7 +71,7 @@ class Terms(NamedTuple):
 
     dt: float
     v_max: float
-    motion: MotionLimits
+    motion: FloatArray  # (n, 3) or (1, 3), as of `planar_kernels.motion_set`
     at_goal: float  # distance from the goal up to which a leader has reached it
     corridor: float  # the corridor's radius in units of velocity; negative for leader protection
     gathers: bool  # whether protectors begin close to the leader, which minimises its rate
@@ -153,7 +152,7 @@ def leader_problem(states: States, row: int, terms: Terms, out: StateProblem) ->
     solvable, next_x, next_y = True, 0.0, 0.0
     if states.alive[row, lead]:
         x, y, goal_x, goal_y = p[2 * lead], p[2 * lead + 1], p[6 * n], p[6 * n + 1]
-        motion_set(p[2 * (n + lead)], p[2 * (n + lead) + 1], terms.motion, sets, lead)
+        motion_set(p[2 * (n + lead)], p[2 * (n + lead) + 1], terms.motion, lead, sets, lead)
         vx, vy, solvable = projected((goal_x - x) / dt, (goal_y - y) / dt, sets, lead)
         next_x, next_y = x + dt * vx, y + dt * vy
         fix(vx, vy, sets, lead)
@@ -165,7 +164,7 @@ def leader_problem(states: States, row: int, terms: Terms, out: StateProblem) ->
             write_destroyed(i, out)
         elif i != lead:
             vx, vy = p[2 * (n + i)], p[2 * (n + i) + 1]
-            motion_set(vx, vy, terms.motion, sets, i)
+            motion_set(vx, vy, terms.motion, i, sets, i)
             if terms.gathers:  # the closer the better, for every member independently
                 vx, vy = (next_x - p[2 * i]) / dt, (next_y - p[2 * i + 1]) / dt
             solvable = write_free(i, vx, vy, out) and solvable
@@ -183,7 +182,7 @@ def corridor_problem(states: States, row: int, terms: Terms, out: StateProblem) 
             write_destroyed(i, out)
             continue
         vx, vy = p[2 * (n + i)], p[2 * (n + i) + 1]
-        motion_set(vx, vy, terms.motion, sets, i)
+        motion_set(vx, vy, terms.motion, i, sets, i)
         sets[i, 7], sets[i, 8] = (p[6 * n] - p[2 * i]) / dt, (p[6 * n + 1] - p[2 * i + 1]) / dt
         sets[i, 9] = terms.corridor
         p[5 * n + i] = 1.0

@@ -244,24 +244,24 @@ _TIE = 1e-6  # of rates, and of distances in v_max dt: a tie, in which the lower
 def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
     """The living member nearest to the guide's present point, ties by index.
 
-    `reference` has one point, (2,), or one for every state, (B, 2) or (B, 1, 2).
+    As in the other rules, among those that may lead (`Step.candidates`). `reference` has one point, (2,), or one for every state, (B, 2) or (B, 1, 2).
     """
     batch, tie = len(step.alive), _TIE * step.motion.v_max * step.motion.dt
     points, leaders = np.empty((batch, 2)), np.empty(batch, np.intp)
     points[:] = reference.reshape(-1, 2)
-    positions, alive = contiguous(step.positions), contiguous(step.alive)
+    positions, alive = contiguous(step.positions), contiguous(step.candidates)
     nearest_living(positions, alive, points, tie, leaders)
     return leaders
 
 
 def first(step: Step, reference: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001
     """The living member with the lowest index."""
-    return np.asarray(np.argmax(step.alive, axis=1))
+    return np.asarray(np.argmax(step.candidates, axis=1))
 
 
 def safest(step: Step, reference: FloatArray) -> NDArray[np.intp]:  # noqa: ARG001
     """The living member with the lowest rate at its present position, ties by index."""
-    rates = np.where(step.alive, step.hazard.rates(step.positions, step.alive), np.inf)
+    rates = np.where(step.candidates, step.hazard.rates(step.positions, step.alive), np.inf)
     return np.asarray(np.argmax(rates <= rates.min(axis=1, keepdims=True) * (1 + _TIE), axis=1))
 
 

@@ -281,9 +281,10 @@ class Relaxation:
     ) -> Relaxation:
         """Relaxation of a scenario's guide problem, from its guide's start or from `start` (2,).
 
-        To its first target zone, or to another one.
+        To its first target zone, or to another one. Where members differ, the agent is at least as
+        safe and fast as any.
         """
-        scenario = scenario.by_parts
+        scenario = scenario.by_parts.most_favourable
         begin = scenario.guide_start if start is None else np.asarray(start, float)
         target = scenario.target if target is None else target
         center = np.asarray(target.center, float)

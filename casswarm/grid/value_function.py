@@ -61,7 +61,8 @@ class ValueFunction:
     ) -> ValueFunction:
         """Value function of a scenario, on the finest grid of at most `max_nodes` nodes.
 
-        Lower bounds are computed if `certified` and if the hazard provides them.
+        Lower bounds are computed if `certified` and if the hazard provides them. Where members
+        differ, it is that of the guide's kind.
 
         Raises
         ------
@@ -72,6 +73,7 @@ class ValueFunction:
         require_scenario("ValueFunction.from_scenario", scenario)
         for key in ("time.substeps", "target.other", "swarm.speed"):
             require_default(scenario, key, "the value function")
+        scenario = scenario.for_guide
         deadline = time.monotonic() + time_limit
         grid = value_grid(scenario, max_nodes)
         lower = StageCosts(grid) if certified and grid.task.bounded else None

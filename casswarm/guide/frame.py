@@ -68,9 +68,8 @@ class Frame:
         if scenario.hazard_table.kind not in CONSTANTS:
             return cls(np.eye(2), np.arange(scenario.n))
         matrix = max(SYMMETRIES, key=lambda each: _key(scenario, velocity, each))
-        offsets = _offsets(scenario, scenario.positions) @ matrix.T
         reach = np.round(_reach(scenario) / scenario.target.radius, _DIGITS)
-        return cls(matrix, _sorting(np.column_stack([reach, offsets])))
+        return cls(matrix, _sorting(np.column_stack([reach, _members(scenario, matrix)])))
 
     @classmethod
     def of_agent(cls, scenario: Scenario, start: FloatArray, velocity: FloatArray) -> Frame:
@@ -116,6 +115,8 @@ class Frame:
             values["hazard.radar"] = [radar.mapped(self.points_to) for radar in tables]
         if zones := scenario.hazard_table.zone:
             values["hazard.zone"] = [zone.mapped(self.points_to) for zone in zones]
+        if scenario.swarm.kind is not None:
+            values["swarm.kind"] = [scenario.swarm.kind[row] for row in self.order]
         if scenario.swarm.velocity != "guide":
             values["swarm.velocity"] = self.points_to(scenario.swarm.velocity)
         return scenario.with_values(values)
@@ -162,12 +163,12 @@ def _key(scenario: Scenario, velocity: FloatArray, matrix: FloatArray) -> list[f
 
     The direction to the target comes first, and V(-1) last: a solver may have computed it.
     """
-    offsets = _offsets(scenario, scenario.positions) @ matrix.T
+    offsets = _members(scenario, matrix)
     table = scenario.hazard_table
     radars = _offsets(scenario, np.array(table.radars, float).reshape(-1, 2)) @ matrix.T
     weighted = np.column_stack([radars, table.strengths or np.ones(len(radars))])
     # exact sums do not depend on the order
-    direction = [-round(math.fsum(column) / len(offsets), _DIGITS) for column in offsets.T]
+    direction = [-round(math.fsum(column) / len(offsets), _DIGITS) for column in offsets[:, :2].T]
     if table.radar:
         weighted = _radars_in_time(scenario, matrix)
     parts = [rows[_sorting(rows)].ravel().tolist() for rows in (offsets, weighted)]
@@ -199,6 +200,15 @@ def _offsets(scenario: Scenario, points: FloatArray) -> FloatArray:
     center = np.array(scenario.target.center)
     length = np.abs(scenario.positions - center).max() + scenario.target.radius
     return np.asarray(np.round((points - center) / length, _DIGITS))
+
+
+def _members(scenario: Scenario, matrix: FloatArray) -> FloatArray:
+    """Offsets (n, 2) of the members and, where they differ, the numbers of their kinds."""
+    offsets = _offsets(scenario, scenario.positions) @ matrix.T
+    if scenario.swarm.kind is None:
+        return offsets
+    kinds = [list(kind.model_dump().values()) for kind in scenario.swarm.of_members]
+    return np.column_stack([offsets, np.array(kinds, float)])
 
 
 def _reach(scenario: Scenario) -> FloatArray:

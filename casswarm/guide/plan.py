@@ -57,6 +57,7 @@ def certify_guide(
 
     Scenarios that differ by quarter turns and mirrors have the same bounds, for the same guide.
     """
+    scenario = scenario.for_guide
     if scenario.target.other:
         return _certified_for_all(scenario, guide, gap, deadline)
     frame = Frame.of_agent(scenario, guide.positions[0], guide.velocities[0])
@@ -372,6 +373,7 @@ def plan_from(
     PlanningError
         The time limit has passed before the first solve.
     """
+    scenario = scenario.for_guide
     if scenario.target.other:
         return _nearest_of_all(
             scenario,
@@ -463,10 +465,16 @@ def guide_solver(solver: str | Solver) -> str:
 
 
 def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
-    """V(-1) of every member, (n, 2): the scenario's velocity, or the guide's first velocity."""
+    """V(-1) of every member, (n, 2): the scenario's velocity, or the guide's first velocity.
+
+    It is shortened to the limits of members that are slower than the guide.
+    """
     velocity = scenario.swarm.velocity
     first = guide.velocities[0] if velocity == "guide" else np.asarray(velocity, float)
-    return np.tile(first, (scenario.n, 1))
+    if scenario.swarm.kind is None:
+        return np.tile(first, (scenario.n, 1))
+    limits = [GuideTask.from_scenario(scenario.with_kind_of(i), first) for i in range(scenario.n)]
+    return np.array([each.limited(first) for each in limits])
 
 
 def papers_solver(

@@ -5,7 +5,7 @@ from .base import Hazard, mean_rates_along, subdivided
 from .compiled_rates import compiled_rates, rate_module
 from .custom import CustomHazard
 from .in_time import HazardInTime, RadarTrack
-from .kernel_hazard import KernelHazard, regular
+from .kernel_hazard import KernelHazard, Members, regular
 from .rate_bounds import LeastRate
 from .saturation import Saturation, SaturationCollision
 from .zones import Zone
@@ -17,6 +17,7 @@ __all__ = [
     "KernelHazard",
     "LeastRate",
     "LocalRates",
+    "Members",
     "RadarTrack",
     "Saturation",
     "SaturationCollision",

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._util.text import counted
+from ..errors import HazardError
 from ..typing import BoolArray, FloatArray
 from .codegen import lowered_kernels
 from .rate_kernels import LANES
@@ -32,6 +34,7 @@ def state_rates(
     source, density, collision, combine, zone = lowered_kernels(hazard)
     n = positions.shape[1]
     m = n if members is None else members
+    exposures, shares = _factors(hazard, n)
     size = max(1, _CHUNK_PAIRS // (m * max(n, len(hazard.radars))))
     rates = np.empty((len(alive), m))
     for part in (slice(first, first + size) for first in range(0, len(alive), size)):
@@ -40,13 +43,30 @@ def state_rates(
         with np.errstate(all="ignore"):  # `Hazard.rates` refuses values that are not finite
             pairs = _squared_distances(x[:, :m], x)
             to_radars = _squared_distances(x[:, :m], hazard.radar_positions[None])
+            sources = np.sum(source(to_radars) * hazard.radar_strengths, axis=-1)
+            sources = sources + zone(x[:, :m, 0], x[:, :m, 1])
             rates[part] = combine(
-                np.sum(source(to_radars) * hazard.radar_strengths, axis=-1)
-                + zone(x[:, :m, 0], x[:, :m, 1]),
-                np.sum(density(pairs) * living, axis=-1),
+                sources if exposures is None else sources * exposures[:m],
+                np.sum(density(pairs) * (living if shares is None else living * shares), axis=-1),
                 np.sum(collision(pairs) * others, axis=-1),
             )
     return rates
+
+
+def _factors(hazard: KernelHazard, n: int) -> tuple[FloatArray | None, FloatArray | None]:
+    """Exposures and densities (n,) of the members, None where they are all 1."""
+    if hazard.members is None:
+        return None, None
+    exposures, densities = np.array(hazard.members)
+    if len(exposures) != n:
+        raise HazardError(
+            f"positions have {counted(n, 'member')}, and the hazard has exposures of "
+            f"{len(exposures)}; of_members(rows) is the hazard of some of them",
+            key="positions",
+            members=n,
+            expected=len(exposures),
+        )
+    return exposures, densities
 
 
 def _squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -87,11 +107,15 @@ def set_rates(
     """
     radars = radar_table(hazard) if radars is None else radars
     source, density, collision, combine, zone = lowered_kernels(hazard)
-    pairs = _squares(_differences(points))
+    pairs, (exposures, shares) = _squares(_differences(points)), _factors(hazard, points.shape[1])
     with np.errstate(all="ignore"):  # values that are not finite are found where they are used
         sources = _by_radar(radars, source(_squares(_to_radars(radars, points))))
         sources += zone(points[:, :, 0], points[:, :, 1])
-        sums = _sums(sources, sets, density(pairs), collision(pairs), pairs)
+        densities = density(pairs)
+        if exposures is not None and shares is not None:
+            sources *= exposures[:, None]
+            densities = densities * shares[:, None, None]
+        sums = _sums(sources, sets, densities, collision(pairs), pairs)
         return np.asarray(combine(*sums))
 
 
@@ -121,14 +145,21 @@ class LocalRates:
         radars = radar_table(hazard) if radars is None else radars
         source, density, collision, combine, zone = lowered_kernels(hazard, 2)
         to_radars, squares = _to_radars(radars, points), _squares(_differences(points))
+        exposures, shares = _factors(hazard, points.shape[1])
         with np.errstate(all="ignore"):  # values that are not finite end the solve
             strengths = _filled(source, 3, 1, _squares(to_radars))
             of_pairs = np.concatenate(
                 [_filled(density, 3, 1, squares), _filled(collision, 3, 1, squares)], axis=1
             )
             of_zones = _filled(zone, 6, 1, points[:, :, 0], points[:, :, 1])
+            densities = of_pairs[:, 0]
+            if exposures is not None and shares is not None:
+                strengths *= exposures[:, None, None]
+                of_zones *= exposures[:, None]
+                densities = densities * shares[:, None, None]  # of the member that adds it
+                of_pairs[:, :3] *= shares[:, None]  # of pairs (i, j), i being the one that sees j
             sources = _by_radar(radars, strengths[:, 0]) + of_zones[:, 0]
-            sums = _sums(sources, None, of_pairs[:, 0], of_pairs[:, 3], squares)
+            sums = _sums(sources, None, densities, of_pairs[:, 3], squares)
             rates = _filled(combine, 10, 2, *sums)
         own = np.arange(points.shape[1])
         of_pairs[:, :, own, own] = 0.0

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .._util.text import shown
 from ..errors import HazardError
-from ..typing import BoolArray, Expr, FloatArray
+from ..typing import BoolArray, Expr, FloatArray, IntArray
 from .rate_bounds import LeastRate, PairBounds
 
 
@@ -163,6 +163,25 @@ class Hazard(ABC):
                 rate=float(rates[state, member]),
             )
         return rates.reshape(x.shape[:-1])
+
+    def with_members(self, exposures: tuple[float, ...], densities: tuple[float, ...]) -> Hazard:
+        """The hazard of members with such factors (n,) of rates, and terms (n,) of densities.
+
+        Raises
+        ------
+        HazardError
+            The rates are not made of kernels.
+        """
+        raise HazardError(
+            f"{type(self).__name__} has no exposures and densities of members: its rates are not "
+            "made of kernels",
+            key="exposures",
+            value=(exposures, densities),
+        )
+
+    def of_members(self, rows: IntArray) -> Hazard:  # noqa: ARG002
+        """The hazard of some of the members: itself, unless they differ."""
+        return self
 
     def additional_rates(self, points: FloatArray, positions: FloatArray) -> FloatArray:
         """Rates (B,) of a member added at points (B, 2) to living members at positions (n, 2)."""

@@ -30,7 +30,7 @@ class CompiledRates:
 
     n: int
     source: str  # text of the function, which all hazards of a class share
-    constants: FloatArray  # (s,), parameters, then position and strength of every radar
+    constants: FloatArray  # (s,), as of `rate_module`
 
     def __call__(self, positions: FloatArray, alive: BoolArray, rates: FloatArray) -> bool:
         """Write the rates (B, n) of states (B, n, 2), (B, n), 0 for the destroyed.
@@ -58,6 +58,9 @@ def rate_module(
 ) -> tuple[str, FloatArray] | None:
     """Text of a module of kernels that call those of a hazard, and the hazard's constants.
 
+    These are its parameters, the position and strength of every radar and, where members differ,
+    the exposures and densities of all.
+
     `casswarm.hazard.rate_kernels` has functions that stand for the hazard's. Where the kernels are
     `reordering`, their sums are in any order. None for hazards that are not made of kernels, or of
     such as have no counterpart in Python.
@@ -69,7 +72,8 @@ def rate_module(
     except HazardError:
         return None
     radars = np.column_stack([hazard.radar_positions, hazard.radar_strengths])
-    return text, np.concatenate([parameters, radars.ravel()])
+    members = () if hazard.members is None else hazard.members
+    return text, np.concatenate([parameters, radars.ravel(), *members])
 
 
 @locked_cache(maxsize=64)
@@ -81,5 +85,6 @@ def _module(
     symbols = ca.SX.sym("constants", len(parameters))
     unpacked = lower_source("unpacked", {"constants": symbols}, ca.vertsplit(symbols))
     text += f"\n\nCOLLIDES = {hazard.collides}\nHAS_ZONES = {bool(hazard.zones)}"
+    text += f"\nDIFFER = {hazard.members is not None}"
     text += f"\nFIRST_RADAR = {len(parameters)}\n\n\n{unpacked}"
     return specialised(text, *kernels, reordering=reordering), parameters

@@ -17,7 +17,7 @@ from typing_extensions import override
 
 from .._util.threads import locked_cache
 from ..errors import HazardError
-from ..typing import BoolArray, Expr, FloatArray
+from ..typing import BoolArray, Expr, FloatArray, IntArray
 from .base import Hazard
 from .custom import CustomHazard
 from .kernel_hazard import KernelHazard
@@ -107,6 +107,16 @@ class HazardInTime(Hazard):
     def radar_positions(self) -> FloatArray:
         """Positions of the radars at time 0, shape (k, 2)."""
         return self.at(0.0).radar_positions
+
+    @override
+    def with_members(
+        self, exposures: tuple[float, ...], densities: tuple[float, ...]
+    ) -> HazardInTime:
+        return replace(self, hazard=self.hazard.with_members(exposures, densities))
+
+    @override
+    def of_members(self, rows: IntArray) -> Hazard:
+        return replace(self, hazard=self.hazard.of_members(rows))
 
     @override
     def rates(

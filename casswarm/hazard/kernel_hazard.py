@@ -6,6 +6,9 @@ A member's rate is combine(S, D, C) of three sums of scalar kernels::
     D = sum over living j      density(||x_i - x_j||^2)        (j = i counts)
     C = sum over living j != i collision(||x_i - x_j||^2)
 
+Where members differ, S has the factor e_i, the exposure of the member, and the term of j in D has
+the factor c_j, its density.
+
 Each kernel is written once, as a CasADi expression. `KernelHazard` assembles it in matrix form for
 the optimisation problems (n^2 pairs as one matrix, never an unrolled loop) and, translated to
 NumPy, for batches of states.
@@ -14,18 +17,21 @@ NumPy, for batches of states.
 from __future__ import annotations
 
 from abc import abstractmethod
+from copy import copy
 from dataclasses import dataclass, field
 from numbers import Real
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 from typing_extensions import override
 
 from .._util.numbers import CORE_RADIUS
 from .._util.text import counted, shown
 from .._util.threads import locked_cache
 from ..errors import HazardError
-from ..typing import BoolArray, Expr, FloatArray
+from ..typing import BoolArray, Expr, FloatArray, IntArray
 from .array_rates import blocked, set_rates, state_rates, unblocked
 from .base import Hazard, checked_radars, with_others
 from .rate_kernels import LANES
@@ -41,6 +47,17 @@ def regular(squared_distance: Expr, core_radius: Expr = CORE_RADIUS) -> Expr:
     core = core_radius**2
     missing = core - ca.fmin(squared_distance, core)
     return squared_distance + missing**2 / (2 * core)
+
+
+class Members(NamedTuple):
+    """Factors of the members of a swarm, where they differ, (n,) each."""
+
+    exposures: tuple[float, ...]
+    densities: tuple[float, ...]
+
+    def of(self, rows: IntArray) -> Members:
+        """Those of some of the members."""
+        return Members(*(tuple(float(each[row]) for row in rows) for each in self))
 
 
 @dataclass(frozen=True)
@@ -61,12 +78,17 @@ class KernelHazard(Hazard):
         a scenario is ``hazard.core_radius``.
     zones : tuple of Zone, keyword only
         Regions that endanger those who enter them.
+    members : Members, keyword only
+        Exposures and densities of the n members, where they differ. Single agents have the factors
+        1, and no bounds of rates are known: those of equal members hold for a scenario that is more
+        favourable, see `casswarm.scenario.Scenario.most_favourable`.
     """
 
     radars: tuple[tuple[float, float], ...]
     strengths: tuple[float, ...] | None = None
     core_radius: float = field(default=CORE_RADIUS, kw_only=True)
     zones: tuple[Zone, ...] = field(default=(), kw_only=True, repr=False)
+    members: Members | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radars", checked_radars(self.radars))
@@ -156,9 +178,14 @@ class KernelHazard(Hazard):
         east, north = (ca.repmat(positions[axis, :].T, 1, n) for axis in (0, 1))
         pairs = (east - east.T) ** 2 + (north - north.T) ** 2
         others = 1 - ca.DM.eye(n)
-        density = ca.mtimes(sets, _everywhere(self.density(pairs), pairs))
+        density = _everywhere(self.density(pairs), pairs)
+        if self.members is not None:
+            density *= ca.repmat(ca.DM(self.members.densities), 1, n)
+        density = ca.mtimes(sets, density)
         collision = ca.mtimes(sets, self.collision(pairs) * others)
         sources = self._sources(positions)
+        if self.members is not None:
+            sources *= ca.DM(self.members.exposures).T
         return self.combine(
             sources if count == 1 else ca.repmat(sources, count, 1), density, collision
         )
@@ -187,13 +214,39 @@ class KernelHazard(Hazard):
         blocks = blocked(positions, max(1, min(len(positions), LANES)))
         return unblocked(set_rates(self, blocks, sets), len(positions)) * sets
 
+    @override
+    def with_members(
+        self, exposures: tuple[float, ...], densities: tuple[float, ...]
+    ) -> KernelHazard:
+        return self._with(Members(exposures, densities))
+
+    @override
+    def of_members(self, rows: IntArray) -> KernelHazard:
+        return self if self.members is None else self._with(self.members.of(rows))
+
+    def _with(self, members: Members | None) -> KernelHazard:
+        """Copy with other members, also of a snapshot, whose radars may be off."""
+        changed = copy(self)
+        object.__setattr__(changed, "members", members)
+        if self.template is not self:
+            object.__setattr__(changed, "_template", self.template._with(members))
+        return changed
+
     def _evaluate(self, positions: FloatArray, alive: BoolArray) -> FloatArray:
         return state_rates(self, positions, alive)
 
     @override
     def additional_rates(self, points: FloatArray, positions: FloatArray) -> FloatArray:
-        states = with_others(points, positions)
-        return state_rates(self, states, np.ones(states.shape[:2], bool), 1)[:, 0]
+        states, hazard = with_others(points, positions), self
+        if self.members is not None:
+            hazard = self._with(Members(*((1.0, *each) for each in self.members)))
+        return state_rates(hazard, states, np.ones(states.shape[:2], bool), 1)[:, 0]
+
+    @override
+    def single_agent_rates(self, points: ArrayLike, *, time: float | None = None) -> FloatArray:
+        if self.members is None:
+            return super().single_agent_rates(points, time=time)
+        return self._with(None).single_agent_rates(points, time=time)
 
 
 def require_finite(

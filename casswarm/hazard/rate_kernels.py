@@ -19,11 +19,13 @@ Two: TypeAlias = tuple[float, float]
 LANES = 32
 """Positions of the swarm in a block, for which an operation is done before the next one."""
 
-COLLIDES = HAS_ZONES = True
-"""Stand for whether members collide, and whether there are zones."""
+COLLIDES = HAS_ZONES = DIFFER = True
+"""Stand for whether members collide, whether there are zones, and whether members differ."""
 
 FIRST_RADAR = 2
-"""Stands for the place of the first radar in the constants, after the parameters."""
+"""Stands for the place of the first radar in the constants, after the parameters.
+
+The exposures and densities of n members that differ follow the last radar."""
 
 
 unpacked = stand_in
@@ -47,25 +49,31 @@ second_source = second_density = second_collision = second_combine = second_zone
 
 @kernel
 def member_rate(
+    i: int,
+    n: int,
     position: Two,
     sums: Two,
     factor: float,
     constants: FloatArray,
     parameters: Parameters,
 ) -> tuple[float, float, float, float, float]:
-    """Rate of a member, and times a factor its derivatives.
+    """Rate of member i of n, and times a factor its derivatives.
 
     Those are half the gradient of the sum over radars and zones, and the derivatives in the two
     other `sums`.
     """
     risk, risk_east, risk_north = zone(position[0], position[1], parameters)
     risk_east, risk_north = 0.5 * risk_east, 0.5 * risk_north
-    for r in range(FIRST_RADAR, constants.size, 3):
+    last = constants.size - 2 * n if DIFFER else constants.size
+    for r in range(FIRST_RADAR, last, 3):
         de, dn = position[0] - constants[r], position[1] - constants[r + 1]
         value, slope = source(de * de + dn * dn, parameters)
         risk += constants[r + 2] * value
         risk_east += constants[r + 2] * slope * de
         risk_north += constants[r + 2] * slope * dn
+    if DIFFER:
+        exposure = constants[last + i]
+        risk, risk_east, risk_north = exposure * risk, exposure * risk_east, exposure * risk_north
     rate, by_risk, by_density, by_collision = combine(risk, sums[0], sums[1], parameters)
     return (
         rate,
@@ -84,9 +92,12 @@ def write_block(
     parameters = unpacked(constants)
     values, densities, collisions = sums[0], sums[1], sums[2]
     n = values.size // lanes
+    last = constants.size - 2 * n if DIFFER else constants.size
     own_density = density(0.0, parameters)[0]
     for k in range(n * lanes):
         densities[k], collisions[k], values[k] = own_density, 0.0, 0.0
+        if DIFFER:
+            densities[k] *= constants[last + n + k // lanes]
     for i in range(n):
         own = slice(i * lanes, (i + 1) * lanes)
         living, values_i = alive[own], values[own]
@@ -101,15 +112,19 @@ def write_block(
             for k in range(lanes):
                 de, dn = east[k] - east_j[k], north[k] - north_j[k]
                 value = density(de * de + dn * dn, parameters)[0]
-                densities_i[k] += living_j[k] * value
-                densities_j[k] += living[k] * value
+                if DIFFER:
+                    densities_i[k] += constants[last + n + j] * living_j[k] * value
+                    densities_j[k] += constants[last + n + i] * living[k] * value
+                else:
+                    densities_i[k] += living_j[k] * value
+                    densities_j[k] += living[k] * value
             if COLLIDES:
                 for k in range(lanes):
                     de, dn = east[k] - east_j[k], north[k] - north_j[k]
                     value = collision(de * de + dn * dn, parameters)[0]
                     collisions_i[k] += living_j[k] * value
                     collisions_j[k] += living[k] * value
-        for r in range(FIRST_RADAR, constants.size, 3):
+        for r in range(FIRST_RADAR, last, 3):
             radar_east, radar_north, strength = constants[r], constants[r + 1], constants[r + 2]
             for k in range(lanes):
                 de, dn = east[k] - radar_east, north[k] - radar_north
@@ -117,6 +132,9 @@ def write_block(
         if HAS_ZONES:
             for k in range(lanes):
                 values_i[k] += zone(east[k], north[k], parameters)[0]
+        if DIFFER:
+            for k in range(lanes):
+                values_i[k] *= constants[last + i]
     for k in range(n * lanes):
         values[k] = combine(values[k], densities[k], collisions[k], parameters)[0]
 

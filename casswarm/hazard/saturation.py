@@ -123,8 +123,11 @@ class Saturation(KernelHazard):
 
     @property
     def _is_papers(self) -> bool:
-        """True if the rates are the paper's, for which bounds are proven: a subclass may differ."""
-        return type(self) in (Saturation, SaturationCollision)
+        """True if the rates are the paper's, for which bounds are proven.
+
+        Those of a subclass may differ, and members.
+        """
+        return type(self) in (Saturation, SaturationCollision) and self.members is None
 
     @property
     def _unit_rate(self) -> float:

@@ -96,7 +96,7 @@ def delayed(task: JointTask, arrivals: IntArray) -> IntArray:
 
     If several members must be in the target together, all arrive with the last.
     """
-    reach = np.arange(1, task.steps + 1)[:, None, None] * task.motion.dt * task.motion.v_max
+    reach = np.arange(1, task.steps + 1)[:, None, None] * task.motion.dt * task.motion.bounds[:, :1]
     distance = remaining_distance(task.start, task.center, reach)  # (N, n)
     feasible = distance <= task.radius - task.margin
     earliest = np.where(feasible.any(axis=0), feasible.argmax(axis=0) + 1, 0)
@@ -201,7 +201,7 @@ def waves(task: JointTask, count: int, rng: np.random.Generator) -> Family:
     n, steps = len(task.start), task.steps
     to_center = task.center - task.start
     length = np.hypot(*to_center.mean(axis=0))
-    fastest = int(np.ceil(abs(to_center).max() / (task.motion.v_max * task.motion.dt)))
+    fastest = int(np.ceil((abs(to_center) / (task.motion.bounds[:, :1] * task.motion.dt)).max()))
     last = np.resize(np.arange(min(steps, fastest), steps + 1), count)
     share = np.minimum(np.arange(1, steps + 1)[:, None] / last, 1.0)[..., None]
     orders = np.arange(1, _WAVES + 1)
@@ -283,7 +283,7 @@ def _lattices(
         return [np.zeros((1, 2))]
     shapes = [_lattice(count), _polygon(count)] if count > 3 else [_lattice(count)]
     step = 1 + int(scenario.hazard.rates_along(path[1:]).argmax())
-    worst, hazard = path[step], scenario.hazard.after(step)
+    worst, hazard = path[step], scenario.for_guide.hazard.after(step)
     spacings = np.maximum(_SPACINGS * scenario.target.radius, 1.05 * min_distance)
     centered = positions - positions.mean(axis=0)
     assigned = []
@@ -425,7 +425,7 @@ class Guesses:
             scenario.with_values(values),
             scenario.guide_start,
             search="global",
-            initial_velocity=self.task.initial_velocities[0],
+            initial_velocity=self.task.initial_velocities[scenario.swarm.central_member],
         )
         return class_paths(scenario, guide)
 

@@ -50,7 +50,7 @@ class PlanDistribution:
     lost : (N, 2^n, n)
         Probability that a member of a set d is lost in step t -> t+1; 0 outside d.
     inside : (N, n) bool
-        Whether each member is in the target at steps 1..N.
+        Whether each member that counts is in the target at steps 1..N.
     needed : int
         Number of living members in the target that ends a run.
     rounding : float
@@ -75,7 +75,7 @@ class PlanDistribution:
         return cls(
             n,
             lost,
-            scenario.target.contains(positions[1:]),
+            scenario.swarm.counted(scenario.target.contains(positions[1:])),
             scenario.success.arrivals,
             len(lost) * n * operations * UNIT,
         )
@@ -177,7 +177,8 @@ def prescribed_costs(
     lost, n = loss_probabilities(scenario, positions), positions.shape[2]
     steps = lost.shape[1]
     arriving = np.arange(1, steps + 1)[:, None] == arrivals[:, None]  # (B, N, n)
-    costs, ended, last = terminal_costs(objective, n, arriving, scenario.success.arrivals)
+    counting, needed = scenario.swarm.counted(arriving), scenario.success.arrivals
+    costs, ended, last = terminal_costs(objective, n, counting, needed)
     shape = len(lost), steps, 2**n
     continues, costs = (np.array(np.broadcast_to(part, shape), float) for part in (~ended, costs))
     return np.asarray(recursion(lost, continues, costs, np.tile(last, (len(lost), 1)))[0][:, -1])

@@ -193,20 +193,22 @@ class PlanTree:
         """A plan for the survivors; the rest of the previous one if that is at least as good."""
         step, members = path[-1]
         remaining = branch.remaining(step, members)
-        if not len(remaining) or len(members) < self.scenario.success.arrivals:
+        counting = self.scenario.swarm.counting[list(members)].sum()
+        if not len(remaining) or counting < self.scenario.success.arrivals:
             return branch
+        scenario = self.scenario.of_members(members)
         start, initial_velocities = branch.state(step, members)
         steps = self.scenario.n_steps
         quarter = -(-steps // _HORIZONS)
         horizon = min(steps, quarter * -(-(steps - step) // quarter))
-        task = JointTask.from_scenario(self.scenario, initial_velocities, self.min_distance)
+        task = JointTask.from_scenario(scenario, initial_velocities, self.min_distance)
         task = replace(task, start=start, steps=steps - step)
         form = JointForm(len(members), horizon, True, self.objective, self.min_distance > 0)
-        if self.scenario.hazard.changes:
+        if scenario.hazard.changes:
             form = replace(form, first=step)
-        problem = JointProblem(self.scenario, task, form)
-        arrivals = first_arrivals(self.scenario, problem.positions(remaining))
-        solver = self.solver or stage_solver("auto", self.scenario.hazard, form, ITERATIONS)
+        problem = JointProblem(scenario, task, form)
+        arrivals = first_arrivals(scenario, problem.positions(remaining))
+        solver = self.solver or stage_solver("auto", scenario.hazard, form, ITERATIONS)
         (outcome,) = problem.solve([InitialGuess("survivors", arrivals, remaining)], solver)
         if not outcome.solution.status.success:
             self._failed.add(path)
@@ -221,7 +223,7 @@ class PlanTree:
             outcome.velocities,
             initial_velocities,
             branch.entering(step, members),
-            PlanDistribution.from_positions(self.scenario, positions, step),
+            PlanDistribution.from_positions(scenario, positions, step),
         )
         self._add(replanned)
         return replanned

@@ -22,7 +22,9 @@ from ..guide.frame import Frame
 from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
 from ..motion.kinematics import integrate, interpolated
+from ..motion.step import Motion
 from ..problems.joint import OBJECTIVES, JointForm, JointTask
+from ..scenario.members import with_accelerations
 from ..scenario.scenario_files import require_scenario
 from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
@@ -64,7 +66,7 @@ def coarsened(scenario: Scenario) -> Scenario | None:
     values: dict[str, object] = {
         "time.dt": dt,
         "time.t_f": dt * (steps + 0.5),
-        "swarm.a_max": scenario.swarm.a_max * ratio**2,
+        **with_accelerations(scenario.swarm, lambda a_max: a_max * ratio**2),
         "guide.a_max": scenario.guide_a_max * ratio**2,
     }
     return scenario.with_values(values)
@@ -420,7 +422,7 @@ def plan_swarm(
         positions=positions,
         velocities=best.velocities,
         initial_velocities=velocities,
-        motion=task.motion,
+        motion=Motion.from_scenario(scenario),
         arrivals=first_arrivals(scenario, positions),
         value=best.value,
         distribution=PlanDistribution.from_positions(scenario, positions) if exact else None,
@@ -458,9 +460,8 @@ def _require_few(scenario: Scenario) -> None:
     for key in ("time.substeps", "target.other", "swarm.speed"):
         require_default(scenario, key, "a joint plan")
     if scenario.n > MAX_EXACT:
-        require_default(
-            scenario, "success.arrivals", f"a joint plan of more than {MAX_EXACT} members"
-        )
+        for key in ("success.arrivals", "swarm.kind"):
+            require_default(scenario, key, f"a joint plan of more than {MAX_EXACT} members")
     if scenario.n > MANY:
         LOG.warning(
             "a joint plan of %d members takes minutes (50 take about 2, 100 about 8); time_limit "

@@ -22,9 +22,6 @@ WIDTH = 13  # numbers of a row
 
 PAIRS = ((4, 7), (4, 10), (7, 10))
 Candidate: TypeAlias = tuple[float, float, bool]
-MotionLimits: TypeAlias = tuple[float, float, float]
-"""Bounds on a velocity's components, on its change and, or infinite, on its length."""
-
 
 @kernel
 def clip(value: float, low: float, high: float) -> float:
@@ -220,9 +217,16 @@ def violation_batch(points: FloatArray, sets: FloatArray, distances: FloatArray)
 
 
 @kernel
-def motion_set(vx: float, vy: float, limits: MotionLimits, sets: FloatArray, i: int) -> None:
-    """Write set i: the velocities that the limits allow after (vx, vy)."""
-    v_max, change, speed = limits
+def motion_set(
+    vx: float, vy: float, limits: FloatArray, member: int, sets: FloatArray, i: int
+) -> None:
+    """Write set i: the velocities that a member's limits allow after (vx, vy).
+
+    `limits` (k, 3) have a row for every member, or one for all: bounds on the components of
+    velocities, on their change, and on their length.
+    """
+    k = member % limits.shape[0]
+    v_max, change, speed = limits[k, 0], limits[k, 1], limits[k, 2]
     sets[i, 0], sets[i, 1], sets[i, 2], sets[i, 3] = -v_max, -v_max, v_max, v_max
     sets[i, 4], sets[i, 5], sets[i, 6] = vx, vy, change
     sets[i, 7], sets[i, 8], sets[i, 9] = 0.0, 0.0, math.inf
@@ -230,10 +234,10 @@ def motion_set(vx: float, vy: float, limits: MotionLimits, sets: FloatArray, i: 
 
 
 @kernel
-def motion_sets(previous_velocities: FloatArray, limits: MotionLimits, sets: FloatArray) -> None:
-    """Write the sets (M, 13) of members with previous velocities (M, 2)."""
+def motion_sets(previous_velocities: FloatArray, limits: FloatArray, sets: FloatArray) -> None:
+    """Write the sets (M, 13) of members, in order and again, with previous velocities (M, 2)."""
     for i in range(sets.shape[0]):
-        motion_set(previous_velocities[i, 0], previous_velocities[i, 1], limits, sets, i)
+        motion_set(previous_velocities[i, 0], previous_velocities[i, 1], limits, i, sets, i)
 
 
 @kernel

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from ..hazard import Hazard
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
 from .planar import PlanarSets
-from .planar_kernels import WIDTH, MotionLimits, motion_sets, project_adjoint
+from .planar_kernels import WIDTH, motion_sets, project_adjoint
 
 POSITION_TOL = 1e-6
 """Distance, in units of v_max dt, up to which a member counts as being at a position."""
@@ -25,36 +26,55 @@ class Motion:
     Parameters
     ----------
     v_max : float
-        Bound on each velocity component.
+        Bound on each velocity component; where members differ, the largest one, a unit.
     a_max : float
-        Bound on ||V(t) - V(t-1)||^2.
+        Bound on ||V(t) - V(t-1)||^2; the largest one.
     dt : float
     disc : bool
         Whether v_max also bounds the speed in every direction.
+    members : tuple of n pairs of float
+        v_max and a_max of every member, where they differ.
     """
 
     v_max: float
     a_max: float
     dt: float
     disc: bool = False
+    members: tuple[tuple[float, float], ...] = ()
 
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> Motion:
         """Limits of the members of a scenario."""
-        swarm = scenario.swarm
-        return cls(swarm.v_max, swarm.a_max, scenario.time.dt, swarm.speed == "disc")
+        swarm, dt = scenario.swarm, scenario.time.dt
+        limits = [(kind.v_max or swarm.v_max, kind.a_max or swarm.a_max) for kind in swarm.of_members]
+        v_max, a_max = map(max, zip(*limits, strict=True))
+        members = () if len(set(limits)) == 1 else tuple(limits)
+        return cls(v_max, a_max, dt, swarm.speed == "disc", members)
+
+    def of_members(self, rows: Sequence[int]) -> Motion:
+        """Limits of some of the members."""
+        return replace(self, members=tuple(self.members[row] for row in rows if self.members))
 
     def sets(self, previous_velocities: FloatArray) -> PlanarSets:
-        """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2)."""
+        """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2).
+
+        Of n members, (..., n, 2), where they differ.
+        """
         rows = np.empty((*previous_velocities.shape[:-1], WIDTH))
         flat = contiguous(previous_velocities.reshape(-1, 2).astype(float))
         motion_sets(flat, self.limits, rows.reshape(-1, WIDTH))
         return PlanarSets.from_packed(rows, 3 if self.disc else 1)
 
     @property
-    def limits(self) -> MotionLimits:
-        """The limits as kernels take them."""
-        return float(self.v_max), self.max_change, float(self.v_max) if self.disc else math.inf
+    def limits(self) -> FloatArray:
+        """The limits as kernels take them, (n, 3) or (1, 3): see `planar_kernels.motion_set`."""
+        v_max, a_max = self.bounds.T
+        return np.stack([v_max, np.sqrt(a_max), v_max if self.disc else 0 * v_max + np.inf], axis=1)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """v_max and a_max of every member, (n, 2), or of all, (1, 2)."""
+        return np.array(self.members or ((self.v_max, self.a_max),), float)
 
     @property
     def max_change(self) -> float:
@@ -113,12 +133,25 @@ class Step:
     alive: BoolArray  # (B, n), held fixed over the steps
     goals: FloatArray  # (H, 2) or (H, B, 2), X*(t+1), ..., X*(t+H), for all states or for each
     later: tuple[Hazard, ...] = ()  # of the steps after the first, where they have others
+    counts: BoolArray | None = None  # (n,), members that may lead: by default all
 
     def __getitem__(self, rows: IntArray) -> Step:
         goals = self.goals if self.goals.ndim == 2 else self.goals[:, rows]
-        positions, velocities = self.positions[rows], self.previous_velocities[rows]
-        alive = self.alive[rows]
-        return Step(self.hazard, self.motion, positions, velocities, alive, goals, self.later)
+        return replace(
+            self,
+            positions=self.positions[rows],
+            previous_velocities=self.previous_velocities[rows],
+            alive=self.alive[rows],
+            goals=goals,
+        )
+
+    @property
+    def candidates(self) -> BoolArray:
+        """Living members (B, n) that may lead: those that count, all where none of these lives."""
+        if self.counts is None:
+            return self.alive
+        counting = self.alive & self.counts
+        return np.where(counting.any(axis=1, keepdims=True), counting, self.alive)
 
     @property
     def horizon(self) -> int:

@@ -73,6 +73,8 @@ class FormationPolicy(Policy):
     max_wait : int
         Number of steps by which the guide waits at most for the member that it leads; see
         `casswarm.policies.waiting`.
+    counts : (n,) bool, optional
+        Members that may lead; all by default.
     """
 
     hazard: Hazard
@@ -81,6 +83,7 @@ class FormationPolicy(Policy):
     solver: Solver
     horizon: int = 1
     max_wait: int = field(default=0, kw_only=True)
+    counts: BoolArray | None = field(default=None, kw_only=True)
     decision_tol: ClassVar[float] = SOLVER_TOL
 
     @override
@@ -100,7 +103,8 @@ class FormationPolicy(Policy):
         goals = np.array([self.guide.reference(step + s) for s in range(1, horizon + 1)])
         hazard, *later = (self.hazard.after(step + s) for s in range(1, horizon + 1))
         after = tuple(later) if self.hazard.changes else ()
-        data = Step(hazard, self.motion, positions, previous_velocities, alive, goals, after)
+        state = positions, previous_velocities, alive
+        data = Step(hazard, self.motion, *state, goals, after, self.counts)
         if self.max_wait == 0:
             return data
         led = positions[np.arange(len(alive)), self._led(data, self.guide.reference(step))]

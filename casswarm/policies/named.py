@@ -113,6 +113,7 @@ def make_policy(
         require_guide_of(scenario, guide)
     motion, rho = Motion.from_scenario(scenario), scenario.formation.rho
     if kind in ("leader-feedback", "constrained-feedback"):
+        require_default(scenario, "swarm.kind", f"the policy {kind}")
         value = ValueFunction.from_scenario(scenario, certified=False)
         if kind == "leader-feedback":
             return LeaderFeedbackPolicy(
@@ -138,14 +139,18 @@ def make_policy(
         return ReplanningPolicy(PlanTree(scenario, swarm_plan), open_loop)
     full_name = kind if horizon == 1 else f"{kind}-mpc-{horizon}"
     if horizon > 1:
-        require_default(scenario, "swarm.speed", f"the policy {full_name}")
+        for key in ("swarm.speed", "swarm.kind"):
+            require_default(scenario, key, f"the policy {full_name}")
     shared = (scenario.hazard, motion, guide, backend, horizon)
     spare = max(0, scenario.n_steps - guide.arrival)
     wait = min(spare, scenario.time.steps_within(scenario.guide.max_wait))
+    counts = None if scenario.swarm.kind is None else scenario.swarm.counting
     if kind == "leader":
         weight = scenario.formation.follower_weight
-        return LeaderPolicy(*shared, leader_selection, full_name, weight, max_wait=wait)
-    return ConstrainedPolicy(*shared, rho, full_name, max_wait=wait)
+        return LeaderPolicy(
+            *shared, leader_selection, full_name, weight, max_wait=wait, counts=counts
+        )
+    return ConstrainedPolicy(*shared, rho, full_name, max_wait=wait, counts=counts)
 
 
 def _in_order(first: Any, second: Any) -> tuple[str, Scenario]:
@@ -205,17 +210,18 @@ def member_guides(
     method, else by Ipopt. One that does not arrive is included, see `Guide.arrives`.
     """
     near = guide if guide.search == "global" else None
-    guides: dict[tuple[float, ...], Guide] = {}
+    guides: dict[tuple[object, ...], Guide] = {}
     velocities = initial_velocities(scenario, guide)
-    for start, velocity in zip(scenario.positions, velocities, strict=True):
-        if tuple(start) not in guides:
-            guides[tuple(start)] = plan_from(
-                scenario,
-                start,
+    starts = [*zip(scenario.swarm.of_members, *scenario.positions.T.tolist(), strict=True)]
+    for member, start in enumerate(starts):
+        if start not in guides:
+            guides[start] = plan_from(
+                scenario.with_kind_of(member),
+                start[1:],
                 guide_solver(guide.solution.solver),
                 search=guide.search,
-                initial_velocity=velocity,
+                initial_velocity=velocities[member],
                 near=near,
                 solver_options=solver_options,
             )
-    return tuple(guides[tuple(start)] for start in scenario.positions)
+    return tuple(guides[start] for start in starts)

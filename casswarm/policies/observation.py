@@ -32,6 +32,7 @@ from .._util.text import shown
 from ..compiled.kernels import contiguous, kernel
 from ..errors import PolicyError
 from ..hazard import Hazard, HazardInTime, KernelHazard, radar_table
+from ..motion.step import Motion
 from ..typing import BoolArray, FloatArray, IntArray
 from .base import require_guide_of
 
@@ -133,6 +134,7 @@ class Observation:
                 value=preview,
             )
         distances = scenario.target.distances(scenario.positions)
+        v_max = Motion.from_scenario(scenario).v_max
         references = []
         if guide is not None:
             require_guide_of(scenario, guide)
@@ -142,10 +144,10 @@ class Observation:
             n_steps=scenario.n_steps,
             center=scenario.target.center,
             length=float(max(distances.max(), scenario.target.radius)),
-            v_max=scenario.swarm.v_max,
+            v_max=v_max,
             radars=_observed_radars(scenario.hazard, scenario.n_steps, int(preview)),
             starts=scenario.positions,
-            reach=scenario.n_steps * scenario.time.dt * scenario.swarm.v_max,
+            reach=scenario.n_steps * scenario.time.dt * v_max,
             dtype=name,
             references=np.array(references, float).reshape(-1, 2),
         )

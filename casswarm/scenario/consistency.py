@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .._util.numbers import CORE_FRACTION
 from .._util.text import counted
 from .._util.user_code import USER_ERRORS
+from . import members
 from .hazard_table import HazardTable
 from .sections import Disc, GuideOptions, Swarm, Target, Time
 from .validation import as_text
@@ -35,11 +36,16 @@ def contradictions(
     scenario: Scenario, folder: Path | None = None, allow_code: bool = False
 ) -> Iterator[str]:
     """Contradictions in a scenario of a file in `folder`; `allow_code` as of `load_scenario`."""
-    if scenario.success.arrivals > scenario.n:
+    if kinds := list(members.problems(scenario)):
+        yield from kinds  # without which nothing is known about members
+        return
+    arriving = int(scenario.swarm.counting.sum())
+    if scenario.success.arrivals > arriving:
         yield (
             f"success.arrivals is {scenario.success.arrivals}, but there "
-            f"{'is' if scenario.n == 1 else 'are'} {counted(scenario.n, 'member')}; lower it or "
-            "add members"
+            f"{'is' if arriving == 1 else 'are'} {counted(arriving, 'member')}"
+            f"{'' if arriving == scenario.n else ' that count (swarm.kinds)'}; lower it or add "
+            "members"
         )
     yield from _start_problems(scenario.swarm, scenario.target, scenario.hazard_table)
     yield from _reach_problems(scenario.swarm, scenario.target, scenario.time)
@@ -101,11 +107,13 @@ def _start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterat
         return
     disc = swarm.speed == "disc"
     speed = math.hypot(*swarm.velocity) if disc else max(map(abs, swarm.velocity))
-    if speed > swarm.v_max:
+    v_max = min(kind.v_max or math.inf for kind in swarm.of_members)
+    if speed > v_max:
         what = "its length" if disc else "each component"
+        whose = "swarm.v_max" if v_max == swarm.v_max else "v_max of a kind"
         yield (
             f"swarm.velocity is {as_text(list(swarm.velocity))}; {what} may be at most "
-            f"swarm.v_max = {swarm.v_max:g}: lower the velocity or raise v_max"
+            f"{whose} = {v_max:g}: lower the velocity or raise v_max"
         )
 
 
@@ -123,7 +131,7 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
             f"time.substeps is {time.substeps} in each of {counted(time.steps, 'step')}; at most "
             f"{_MAX_STEPS} parts are allowed in all, lower it"
         )
-    start, step = np.array(swarm.positions[swarm.central_member]), time.dt * swarm.v_max
+    start, step = np.array(swarm.positions[swarm.central_member]), time.dt * _speed(swarm)
     nearest = min(target.discs, key=partial(_distance, swarm, start))
     if not in_reach(swarm, time, nearest):
         distance = _distance(swarm, start, nearest)
@@ -141,7 +149,12 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
 def in_reach(swarm: Swarm, time: Time, target: Disc) -> bool:
     """True if the guide can arrive in a target zone in time, but for rounding."""
     distance = _distance(swarm, np.array(swarm.positions[swarm.central_member]), target)
-    return distance <= time.steps * time.dt * swarm.v_max * (1 + _ROUNDING)
+    return distance <= time.steps * time.dt * _speed(swarm) * (1 + _ROUNDING)
+
+
+def _speed(swarm: Swarm) -> float:
+    """Largest speed of the guide, that of the member with which it starts."""
+    return swarm.of_members[swarm.central_member].v_max or swarm.v_max
 
 
 def _distance(swarm: Swarm, start: NDArray[np.float64], target: Disc) -> float:

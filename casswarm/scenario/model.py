@@ -18,10 +18,12 @@ from .._util.text import counted, shown
 from ..typing import FloatArray
 from .consistency import contradictions, core_radius, in_reach
 from .hazard_table import HazardTable
+from .members import most_favourable, with_accelerations, with_equal_members
 from .sections import Changes, Disc, FormationOptions, GuideOptions, Success, Swarm, Target, Time
 from .toml_text import annotated, toml_text
 from .validation import (
     NO_SUCH_KEY,
+    KINDS_PREFIX,
     PARAMETER_PREFIX,
     Name,
     Table,
@@ -137,12 +139,57 @@ class Scenario(Displayed, Table):
         """Start of the guide, shape (2,), read-only: the member nearest to the centroid."""
         return _read_only(self.swarm.positions[self.swarm.central_member])
 
+    def of_members(self, rows: Sequence[int]) -> Scenario:
+        """The scenario with some of its members, in their order; itself without kinds."""
+        kind = self.swarm.kind
+        if kind is None:
+            return self
+        names = [kind[row] for row in rows]
+        tables = {name: table for name, table in self.swarm.kinds.items() if name in names}
+        counting = int(self.swarm.counting[list(rows)].sum())
+        return self.with_values(
+            {
+                "swarm.positions": [self.swarm.positions[row] for row in rows],
+                "swarm.kind": names,
+                "swarm.kinds": tables or None,
+                "success.arrivals": min(self.success.arrivals, counting),
+            }
+        )
+
+    @cached_property
+    def for_guide(self) -> Scenario:
+        """The scenario with equal members for which guides are planned; itself without kinds.
+
+        Its members are those that count, all of the kind of the member where the guide starts.
+        """
+        return self.with_kind_of(self.swarm.central_member)
+
+    def with_kind_of(self, member: int) -> Scenario:
+        """The scenario with its members that count, all of a member's kind; itself without kinds."""
+        if self.swarm.kind is None:
+            return self
+        rows = np.flatnonzero(self.swarm.counting)
+        return with_equal_members(self, self.swarm.of_members[member], rows.tolist())
+
+    @cached_property
+    def most_favourable(self) -> Scenario:
+        """The scenario with equal members that are as fast and safe as any; itself without kinds.
+
+        They have the least exposure, and the largest density, speed and acceleration of all kinds,
+        and all of them count. In the same state, no member's rate is below that of such a member:
+        bounds of success that use lower bounds of the rates in all states hold for both.
+        """
+        if self.swarm.kind is None:
+            return self
+        return with_equal_members(self, most_favourable(self.swarm.of_members), range(self.n))
+
     @property
     def guide_a_max(self) -> float:
         """Bound on the guide's ||V(t) - V(t-1)||^2; infinite without acceleration limits."""
         if not self.guide.acceleration_limited:
             return math.inf
-        return self.swarm.a_max if self.guide.a_max is None else self.guide.a_max
+        own = self.swarm.of_members[self.swarm.central_member].a_max or self.swarm.a_max
+        return own if self.guide.a_max is None else self.guide.a_max
 
     @property
     def arrival_margin(self) -> float:
@@ -157,7 +204,12 @@ class Scenario(Displayed, Table):
     def hazard(self) -> Hazard:
         """Destruction rates of the members."""
         apart = core_radius(self.target, self.hazard_table)
-        return self.hazard_table.build(apart, self._context.get("folder"), self.time.dt)
+        hazard = self.hazard_table.build(apart, self._context.get("folder"), self.time.dt)
+        factors = [kind.factors for kind in self.swarm.of_members]
+        if all(each == (1.0, 1.0) for each in factors):
+            return hazard
+        exposures, densities = zip(*factors, strict=True)
+        return hazard.with_members(exposures, densities)
 
     def replace(self, **tables: Unpack[Changes]) -> Scenario:
         """Copy of the scenario with other values in its tables, validated again.
@@ -203,11 +255,11 @@ class Scenario(Displayed, Table):
         >>> csw.load_scenario("paper-1").with_values({"formation.rho": 0.1}).formation.rho
         0.1
         """
-        known = known_keys(type(self))
+        known, free = known_keys(type(self)), (PARAMETER_PREFIX, KINDS_PREFIX)
         problems = [
             unknown_key(key, type(self))
             for key in values
-            if key not in known and not key.startswith(PARAMETER_PREFIX)
+            if key not in known and not key.startswith(free)
         ]
         if problems:
             raise scenario_error(f"scenario '{self.name}' {NO_SUCH_KEY}", problems)
@@ -247,7 +299,8 @@ class Scenario(Displayed, Table):
             raise ValueError(f"k = {shown(k)}; allowed: whole numbers from 1")
         k = int(k)
         dt, steps = self.time.dt / k, self.n_steps * k
-        values: dict[str, object] = {"time.dt": dt, "swarm.a_max": self.swarm.a_max / k**2}
+        values: dict[str, object] = {"time.dt": dt}
+        values |= with_accelerations(self.swarm, lambda a_max: a_max / k**2)
         if self.guide.a_max is not None:
             values["guide.a_max"] = self.guide.a_max / k**2
         if Time(dt=dt, t_f=self.time.t_f).steps != steps:
@@ -372,7 +425,7 @@ class Scenario(Displayed, Table):
 
     def _data(self) -> dict[str, Any]:
         data = self.model_dump(by_alias=True, exclude_none=True)
-        for name in ("target", "hazard"):
+        for name in ("swarm", "target", "hazard"):
             given = data[name].items()
             data[name] = {key: value for key, value in given if value not in ((), {})}
         return data

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Annotated, Literal, TypedDict
 
 import numpy as np
@@ -11,11 +12,19 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ..typing import LeaderSelection
+from .members import MemberKind, of_members
 from .validation import Allowed, Boolean, Count, NotNegative, Number, Point, Positive, Table
 
 _MOST_TARGETS = 100
+_MOST_KINDS = 100
 _STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
 _TIE_TOLERANCE = 1e-9  # relative: members equally far from the centroid up to rounding
+
+KindName = Annotated[
+    str,
+    Field(strict=True, max_length=40, pattern=r"^[A-Za-z0-9_]+$"),
+    Allowed("a name of up to 40 letters, digits and underscores, in quotes"),
+]
 
 
 class Swarm(Table):
@@ -46,15 +55,61 @@ class Swarm(Table):
         description="Bound on the change of velocity in a step, ||V(t) - V(t-1)||^2, in squared "
         "units of velocity."
     )
+    kind: (
+        Annotated[tuple[KindName, ...], Allowed("a list of names, one for each member")] | None
+    ) = Field(
+        None,
+        examples=[["carrier", "carrier", "companion"]],
+        description="Kind of each member; all equal by default. A name without a table "
+        "[swarm.kinds.name] has the values of [swarm] and the defaults of the others.",
+    )
+    kinds: Annotated[
+        dict[KindName, MemberKind],
+        Field(max_length=_MOST_KINDS),
+        Allowed(
+            f"a table for each name, at most {_MOST_KINDS}; names have up to 40 letters, digits "
+            "and underscores"
+        ),
+    ] = Field(
+        {},
+        examples=[{"companion": {"exposure": 2.0, "density": 3.0, "counts": False}}],
+        description="Kinds of members, a table for each name in `kind` that differs.",
+    )
+
+    def __hash__(self) -> int:
+        """Hash of all values; kinds are a mapping."""
+        values = {key: getattr(self, key) for key in type(self).model_fields}
+        return hash(tuple((values | {"kinds": tuple(self.kinds.items())}).values()))
+
+    @cached_property
+    def of_members(self) -> tuple[MemberKind, ...]:
+        """The kind of every member, with the limits of motion of the swarm where it has none."""
+        return of_members(self)
+
+    @property
+    def counting(self) -> NDArray[np.bool_]:
+        """Whether the arrival of each member counts, (n,)."""
+        return np.array([kind.counts for kind in self.of_members])
+
+    def counted(self, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Flags (..., n) of members that count; those of others are False.
+
+        All of them where members are equal, also flags of some of the members.
+        """
+        return flags if self.kind is None else flags & self.counting
 
     @property
     def central_member(self) -> int:
-        """Index of the member nearest to the centroid; ties go to the lowest index."""
-        positions = np.array(self.positions)
+        """Index of the member nearest to the centroid; ties go to the lowest index.
+
+        Of those that count, and to their centroid.
+        """
+        rows = np.flatnonzero(self.counting)
+        positions = np.array(self.positions)[rows]
         offsets = positions - positions.mean(axis=0)
         distances = np.hypot(offsets[:, 0], offsets[:, 1])
         tolerance = _TIE_TOLERANCE * (distances.max() + np.abs(positions).max())
-        return int(np.argmax(distances <= distances.min() + tolerance))
+        return int(rows[np.argmax(distances <= distances.min() + tolerance)])
 
 
 class Disc(Table):

@@ -56,7 +56,7 @@ def annotated(text: str, model: type[BaseModel]) -> str:
         description: str | None = None
         if header:
             name = header[1] or header[2]
-            missing.pop(name.removeprefix(f"{table}."), None)
+            missing.pop(name.removeprefix(f"{table}.").partition(".")[0], None)
             lines = _with_optional(lines, table, missing)
             again, table, field = name == table, name, field_of(name, model)
             inner = field and (subtable(field) or element_table(field))

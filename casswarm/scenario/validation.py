@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import Annotated, Any, NamedTuple, get_args
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -21,6 +21,9 @@ underflows."""
 
 PARAMETER_PREFIX = "hazard.parameters."
 """Beginning of the keys that a hazard of the user defines."""
+
+KINDS_PREFIX = "swarm.kinds."
+"""Beginning of the keys of kinds of members, whose names are the user's."""
 
 _LARGEST_COUNT = 1_000_000_000
 
@@ -156,7 +159,8 @@ def problems_of(error: ValidationError | RecursionError, model: type[BaseModel])
 
 
 def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
-    names, field, remaining = _locate(detail["loc"], model)
+    location = detail["loc"][:-1] if detail["loc"][-1:] == ("[key]",) else detail["loc"]
+    names, field, remaining = _locate(location, model)
     key, value = ".".join(names), detail["input"]
     if detail["type"] == "extra_forbidden":
         return unknown_key(key, model)
@@ -180,18 +184,24 @@ def _locate(
     names: list[str] = []
     field: FieldInfo | None = None
     table: type[BaseModel] | None = model
+    named = False
     for depth, part in enumerate(location):
         if table is None:
             return names, field, location[depth:]
         if isinstance(part, int):  # an element of a list of tables
             names[-1] += f"[{part}]"
             continue
+        if named:  # one of the tables of a field
+            names.append(part)
+            named = False
+            continue
         name, _, index = part.partition("[")
         names.append(part)
         field = fields(table).get(name)
         table = subtable(field) if field else None
         following = location[depth + 1 : depth + 2]
-        if field and (index or (following and isinstance(following[0], int))):
+        named = field is not None and has_names(field)
+        if field and (index or named or (following and isinstance(following[0], int))):
             table = element_table(field)
     return names, field, ()
 
@@ -207,7 +217,7 @@ def unknown_key(key: str, model: type[BaseModel]) -> Problem:
     shown = shortened(key, 100)
     table, _, leaf = key.rpartition(".")
     keys = known_keys(model)
-    if "[" in table and (field := field_of(table, model)) and (element := element_table(field)):
+    if (field := field_of(table, model)) and (element := element_table(field)):
         keys = [f"{table}.{name}" for name in fields(element)]
     siblings = [other for other in keys if other.rpartition(".")[0] == table]
     namesakes = [other for other in keys if other.rpartition(".")[2] == leaf]
@@ -250,9 +260,14 @@ def subtable(field: FieldInfo) -> type[BaseModel] | None:
 
 
 def element_table(field: FieldInfo) -> type[BaseModel] | None:
-    """Model of the elements of a field that is a list of tables, else None."""
-    kind = next(iter(get_args(field.annotation)), None)
-    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+    """Model of the elements of a field that is a list of tables, or tables by name; else None."""
+    kinds = [kind for kind in get_args(field.annotation) if isinstance(kind, type)]
+    return next((kind for kind in kinds if issubclass(kind, BaseModel)), None)
+
+
+def has_names(field: FieldInfo) -> bool:
+    """True for a field that is tables by name."""
+    return get_origin(field.annotation) is dict and element_table(field) is not None
 
 
 def allowed(field: FieldInfo) -> str:

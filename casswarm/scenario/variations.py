@@ -54,8 +54,9 @@ def require_default(scenario: Scenario, key: str, part: str) -> None:
     field, present = field_of(key, Scenario), value(scenario, key)
     assert field is not None
     if present != field.default:
+        treated = "scenarios without it" if field.default is None else shown(field.default)
         raise ScenarioError(
-            f"{key} is {shown(present)}, and {part} treats only {shown(field.default)} "
+            f"{key} is {shown(present)}, and {part} treats only {treated} "
             "(docs/limits.md has the parts that treat others)",
             key=key,
             value=present,
@@ -86,6 +87,13 @@ def _with_members(scenario: Scenario, n: Any) -> FloatArray:
     The lattice has the spacing of the members, or the target's radius if there is no other.
     """
     positions = scenario.positions
+    if scenario.swarm.kind is not None:
+        raise ScenarioError(
+            "n cannot be varied where swarm.kind gives every member a kind; set swarm.positions "
+            "and swarm.kind together",
+            key="swarm.kind",
+            value=scenario.swarm.kind,
+        )
     if not (isinstance(n, int) and not isinstance(n, bool) and n >= 1):
         raise ScenarioError(f"n = {shown(n)}; allowed: whole numbers from 1", key="n", value=n)
     if n <= len(positions):

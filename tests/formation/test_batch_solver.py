@@ -52,10 +52,14 @@ def corridor(hazard, **options):
 
 
 @pytest.mark.parametrize("n", [5, LARGE_SWARM + 1])
+@pytest.mark.parametrize("differ", [False, True])
 @pytest.mark.parametrize("hazard", HAZARDS)
-def test_compiled_objective_equals_casadi(hazard, n):
+def test_compiled_objective_equals_casadi(hazard, differ, n):
     """With its gradient and, of a large swarm, the diagonal blocks of its Hessian."""
-    nlp, rng, large = formation_program(HAZARDS[hazard], n, False), np.random.default_rng(0), n > 5
+    rng, large, hazard = np.random.default_rng(0), n > 5, HAZARDS[hazard]
+    if differ:
+        hazard = hazard.with_members(*(tuple(each) for each in rng.uniform(0.2, 4.0, (2, n))))
+    nlp = formation_program(hazard, n, False)
     compiled = nlp.attached(CompiledObjective)
     kernel, gradient = called(compiled.evaluate), np.empty((5 if large else 2) * n)
     symbols = ca.MX.sym("x", 2 * n)

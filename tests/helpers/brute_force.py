@@ -55,7 +55,7 @@ def law_by_hand(
             if (survivors & ~alive).any():
                 continue
             mass = weight * np.prod(np.where(survivors, survival, 1 - survival)[alive])
-            inside = survivors & arrived
+            inside = survivors & arrived & scenario.swarm.counting
             if inside.sum() >= scenario.success.arrivals:
                 law[step + 1, sum(fate)] += mass
             else:

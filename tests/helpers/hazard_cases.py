@@ -24,16 +24,17 @@ def by_loops(hazard: Saturation, x: Array, alive: Mask) -> Array:
     with himself or with the destroyed.
     """
     strengths = hazard.strengths or [1.0] * len(hazard.radars)
+    exposures, densities = hazard.members or [[1.0] * len(x)] * 2
     rates = []
     for i in range(len(x)):
         density = 0.0
         for j in range(len(x)):
             if alive[j]:
-                density += 1 / (1 + hazard.alpha_3 * math.dist(x[i], x[j]) ** 2)
+                density += densities[j] / (1 + hazard.alpha_3 * math.dist(x[i], x[j]) ** 2)
         rate = 0.0
         for strength, radar in zip(strengths, hazard.radars, strict=True):
             saturated = hazard.alpha_1 * (1 + hazard.alpha_2 * density) ** -1
-            rate += strength * saturated / math.dist(x[i], radar) ** 2
+            rate += exposures[i] * strength * saturated / math.dist(x[i], radar) ** 2
         if isinstance(hazard, SaturationCollision):
             for j in range(len(x)):
                 if alive[j] and j != i:
@@ -60,8 +61,10 @@ class State:
 
 
 @st.composite
-def states(draw: st.DrawFn, n_max: int = 6) -> State:
+def states(draw: st.DrawFn, n_max: int = 6, differ: bool = True) -> State:
     """Random states, random constants; all points lie apart, on a grid of sixty-fourths.
+
+    Members may differ.
 
     So all distances exceed `CORE_RADIUS`, and differences of coordinates are exact.
     """
@@ -83,4 +86,7 @@ def states(draw: st.DrawFn, n_max: int = 6) -> State:
         hazard: Saturation = SaturationCollision(tuple(points[n:]), **constants, **betas)
     else:
         hazard = Saturation(tuple(points[n:]), **constants)
+    if differ and draw(st.booleans()):
+        factors = st.tuples(*[factor] * n)
+        hazard = hazard.with_members(draw(factors), draw(factors))
     return State(hazard, np.array(points[:n]), alive)

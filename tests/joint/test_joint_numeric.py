@@ -25,14 +25,21 @@ STEPS = 5
 NEAR_RADARS = np.array([6.0, 2.5])
 
 
-def posed(name: str, n: int, objective: str, separated: bool, seed: int) -> tuple[Nlp, Instances]:
-    """Two instances of n members of a scenario at random velocities."""
+def posed(
+    name: str, n: int, objective: str, separated: bool, seed: int, differ: bool = False
+) -> tuple[Nlp, Instances]:
+    """Two instances of n members of a scenario, which may differ, at random velocities."""
     rng = np.random.default_rng(seed)
     near = {
         "swarm.positions": (NEAR_RADARS + rng.uniform(-0.6, 0.6, (n, 2))).tolist(),
         "target.center": (NEAR_RADARS + 1.5).tolist(),
         "time.t_f": 0.33 * STEPS + 0.1,
     }
+    if differ:
+        kinds = rng.uniform(0.3, 3.0, (n, 4)) + [0.0, 0.0, 4.0, 0.0]
+        names = ("exposure", "density", "v_max", "a_max")
+        tables = {str(k): dict(zip(names, kind, strict=True)) for k, kind in enumerate(kinds)}
+        near |= {"swarm.kind": list(tables), "swarm.kinds": tables}
     scenario = csw.load_scenario(name).with_values(near)
     first = 2 if scenario.hazard.changes else 0
     form = JointForm(n, STEPS, True, objective, separated, first)
@@ -63,11 +70,16 @@ def casadis(nlp: Nlp, batch: Instances) -> FunctionLinearisation:
         *(pytest.param(name, marks=pytest.mark.slow) for name in ("arrivals", "survivors")),
     ],
 )
-@given(n=st.integers(1, 4), separated=st.booleans(), seed=st.integers(0, 2**32 - 1))
+@given(
+    n=st.integers(1, 4),
+    separated=st.booleans(),
+    differ=st.booleans(),
+    seed=st.integers(0, 2**32 - 1),
+)
 def test_values_and_derivatives_equal_casadis(
-    name: str, objective: str, n: int, separated: bool, seed: int
+    name: str, objective: str, n: int, separated: bool, differ: bool, seed: int
 ) -> None:
-    nlp, batch = posed(name, n, objective, separated, seed)
+    nlp, batch = posed(name, n, objective, separated, seed, differ)
     assert nlp.attached(NumericDerivatives) is not None
     compiled = numeric_problems(nlp, batch.p)
     rows, rng = np.arange(len(batch)), np.random.default_rng(seed)

@@ -26,6 +26,10 @@ VALUES = {
     "time.substeps": {"time.substeps": 2},
     "target.other": {"target.other": [{"center": [0.2, 1.9], "radius": 0.4}]},
     "swarm.speed": {"swarm.speed": "disc"},
+    "swarm.kind": {
+        "swarm.kind": ["carrier", "companion"],
+        "swarm.kinds.companion": {"v_max": 2.5, "exposure": 2.0, "density": 3.0, "counts": False},
+    },
 }
 
 
@@ -85,8 +89,12 @@ def test_cell_is_true(part: str, key: str, cell: str) -> None:
     assert caught.value.key == key
 
 
-def test_joint_plans_of_many_members_refuse_several_arrivals() -> None:
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("success.arrivals", 2), ("swarm.kind", ["carrier"] * 11)],
+)
+def test_joint_plans_of_many_members_refuse(key: str, value: object) -> None:
     many = small([(0.1 * k, 0.0) for k in range(11)], (2.0, 0.0), [(1.0, 1.0)], 5)
     with pytest.raises(ScenarioError, match="a joint plan of more than 10 members") as caught:
-        csw.plan_swarm(many.replace(success={"arrivals": 2}))
-    assert caught.value.key == "success.arrivals"
+        csw.plan_swarm(many.with_values({key: value}))
+    assert caught.value.key == key
