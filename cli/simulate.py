@@ -164,7 +164,7 @@ def _text(study: csw.Study) -> str:
         "",
         aligned_table(summary_texts(study.summary).to_dict("records")),
         *count_notes(study.summary.to_dict("records")),
-        *end_notes(study.runs, study.guide, study.scenario.swarm.v_max),
+        *end_notes(study.runs, study.guide, study.scenario.for_guide.swarm.v_max),
     ]
     if len(study.paired):
         lines += [

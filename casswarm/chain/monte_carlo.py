@@ -322,8 +322,9 @@ class Chain:
 
 
 def _outside(scenario: Scenario, positions: FloatArray, alive: BoolArray) -> FloatArray:
-    """Distances (S,) of the nearest living members from the target zone; NaN where none lives."""
-    outside = np.where(alive, scenario.target.outside(positions), np.inf)
+    """Distances (S,) from the target zone of the nearest living members that count; NaN if none."""
+    counting = scenario.swarm.counted(alive)
+    outside = np.where(counting, scenario.target.outside(positions), np.inf)
     nearest = outside.min(axis=1)
     return np.where(np.isfinite(nearest), nearest, np.nan)
 

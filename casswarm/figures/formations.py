@@ -49,7 +49,8 @@ def additional_agent_rates(
     hazard: Hazard, points: FloatArray, positions: FloatArray, alive: BoolArray
 ) -> FloatArray:
     """Hazard rates (...) of an agent added at points (..., 2) to a swarm at positions (n, 2)."""
-    rates = hazard.additional_rates(points.reshape(-1, 2), positions[alive])
+    living = np.flatnonzero(alive)
+    rates = hazard.of_members(living).additional_rates(points.reshape(-1, 2), positions[living])
     return np.asarray(rates.reshape(points.shape[:-1]))
 
 

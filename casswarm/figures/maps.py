@@ -18,6 +18,7 @@ from matplotlib.text import Annotation
 
 from .._util.figure_style import (
     BLUE,
+    GREY,
     INK,
     MEMBERS,
     SKY,
@@ -227,8 +228,23 @@ def add_radars(axes: Axes, hazard: Hazard, color: str = VERMILION) -> list[Artis
 
 
 def add_start(axes: Axes, positions: FloatArray, label: str = "start") -> None:
-    """Draw the initial positions (n, 2) as circles."""
+    """Draw initial positions (n, 2) as circles."""
     axes.plot(*positions.T, zorder=5, label=label, **marker("o", 4.5))
+
+
+def add_starts(axes: Axes, scenario: Scenario, label: str) -> None:
+    """Draw the initial positions of the members, in grey those of members that do not count."""
+    counting = scenario.swarm.counting
+    add_start(axes, scenario.positions[counting], label)
+    if not counting.all():
+        style = marker("o", 4.5, GREY)
+        axes.plot(*scenario.positions[~counting].T, zorder=5, label="does not count", **style)
+
+
+def member_name(scenario: Scenario, member: int) -> str:
+    """Name of a member in a legend, with its kind if it has one."""
+    kind = scenario.swarm.kind
+    return f"member {member}" if kind is None else f"member {member}, {kind[member]}"
 
 
 def add_corridor(axes: Axes, path: FloatArray, rho: float) -> None:
@@ -285,7 +301,7 @@ def guide_map(
     (line,) = axes.plot(*guide.positions.T, color=BLUE, marker="o", zorder=4)
     line.set(markersize=scaled(3.2), linewidth=scaled(1.6))
     line.set_label(f"guide, {counted(guide.arrival, 'step')}")
-    add_start(axes, scenario.positions, "initial positions" if scenario.n > 1 else "start")
+    add_starts(axes, scenario, "initial positions" if scenario.n > 1 else "start")
     add_legend(axes)
     default = f"guide, single-agent survival {guide.survival:.3g}"
     add_title(axes, heading(title, scenario.name, default))
@@ -437,11 +453,11 @@ def joint_map(
         paths.append(path[: inside[0] + 2] if inside.size else path)
     if survival is not None:
         labels = [
-            f"member {member},\nsurvival {survival[len(path) - 1, member]:.3f}"
+            f"{member_name(scenario, member)},\nsurvival {survival[len(path) - 1, member]:.3f}"
             for member, path in enumerate(paths)
         ]
     fig, axes = _paths_map(scenario, paths, labels, [positions.reshape(-1, 2)], ax)
-    add_start(axes, positions[0])
+    add_starts(axes, scenario, "start")
     _close_up(axes, scenario, paths, np.empty((0, 2)))
     add_legend(axes)
     add_title(axes, heading(title, scenario.name))
@@ -461,7 +477,7 @@ def _paths_map(
     if len(paths) > len(MEMBERS):
         axes.plot([], [], label="members", **path_style(-1))
         return fig, axes
-    for member, label in enumerate(labels or [f"member {k}" for k in range(len(paths))]):
+    for member, label in enumerate(labels or [member_name(scenario, k) for k in range(len(paths))]):
         axes.plot([], [], label=label, **path_style(member))
     if displaced:
         axes.plot([], [], linestyle="", label="paths that coincide\nare drawn side by side")

@@ -269,7 +269,7 @@ _FULL_SPEED = 1 - 1e-6  # of v_max
 
 
 def end_notes(runs: pd.DataFrame, guide: Guide, v_max: float) -> list[str]:
-    """Notes on runs that end alive outside the target: a line per policy that has any.
+    """Notes on runs that end outside the target though a member that counts lives: one per policy.
 
     Parameters
     ----------
@@ -278,11 +278,11 @@ def end_notes(runs: pd.DataFrame, guide: Guide, v_max: float) -> list[str]:
     guide : Guide
         That `leader` and `constrained` follow.
     v_max : float
-        Bound on each component of the members' velocities.
+        Bound on each component of the guide's velocities.
     """
     notes = []
     fast = int((np.abs(guide.velocities).max(axis=1, initial=0.0) >= _FULL_SPEED * v_max).sum())
-    left = runs[~runs["success"].astype(bool) & (runs["survivors"] > 0)]
+    left = runs[~runs["success"].astype(bool) & runs["distance"].notna()]
     for name, table in left.groupby("policy", sort=False):
         total, alive = (runs["policy"] == name).sum(), table["survivors"].mean()
         last, nearest = table["steps"].max(), table["distance"].min()
