@@ -9,7 +9,7 @@ import numpy as np
 from _attack_acceleration import acceleration
 from _attack_model import Rates, shortened, speed
 from _attack_records import Check, Skip
-from _attack_scenarios import Rng, draw, in_time, is_plain, policies
+from _attack_scenarios import Rng, as_led, draw, in_time, is_plain, limits_of, policies
 
 import casswarm as csw
 from casswarm.bounds import pair_bound
@@ -27,7 +27,7 @@ def risk(rng: Rng) -> Iterator[Check]:
     guide = csw.plan(scenario, gap=10 ** rng.uniform(-4, -1), time_limit=3.0)
     if guide.certificate is None:
         raise Skip("not certified")
-    bound = guide.certificate.bound
+    scenario, bound = as_led(scenario), guide.certificate.bound
     paths = _Paths(scenario)
     found: dict[str, list[np.ndarray]] = {
         "guide": [c.velocities for c in guide.candidates if np.isfinite(c.risk)],
@@ -255,10 +255,10 @@ def _pairs(scenario: csw.Scenario, best: float) -> Iterator[Check]:
 
 def _climbed(rng: Rng, scenario: csw.Scenario) -> float:
     """Exact success of an open-loop plan after a random ascent from straight lines."""
-    reach = scenario.time.dt * scenario.swarm.v_max
+    reach = scenario.time.dt * limits_of(scenario)[0]
     toward = np.array(rng.choice([d.center for d in scenario.target.discs])) - scenario.positions
     moves = np.repeat(np.clip(toward / scenario.n_steps, -reach, reach)[None], scenario.n_steps, 0)
-    best, scale = -1.0, 0.3 * reach
+    best, scale = -1.0, 0.3 * np.array(reach)
     for _ in range(3 * _CLIMBS):
         shape = (len(moves), 1 if rng.random() < 0.5 else scenario.n, 1)
         noise = scale * rng.normal(size=moves.shape) * (rng.random(shape) < 0.5) * (best >= 0)
@@ -299,8 +299,9 @@ def joint(rng: Rng) -> Iterator[Check]:
     failure, least = plan.distribution.failure, plan.bound.failure
     detail = f"failure {failure!r} below the bound {least!r}"
     yield Check("joint, bound", least - failure, 1e-12 * failure, detail)
-    v_max, a_max = scenario.swarm.v_max, scenario.swarm.a_max
-    yield Check("joint, speed", float(np.abs(plan.velocities).max()) / v_max - 1, 1e-12)
+    v_max, a_max = limits_of(scenario)
+    yield Check("joint, speed", float((np.abs(plan.velocities) / v_max).max()) - 1, 1e-12)
     changes = np.diff(np.concatenate([plan.initial_velocities[None], plan.velocities]), axis=0)
-    change = float(np.hypot(changes[..., 0], changes[..., 1]).max())
-    yield Check("joint, acceleration", (change - np.sqrt(a_max)) / v_max, 1e-12)
+    change = np.hypot(changes[..., 0], changes[..., 1])[..., None]
+    excess = float(((change - np.sqrt(a_max)) / v_max).max())
+    yield Check("joint, acceleration", excess, 1e-12)

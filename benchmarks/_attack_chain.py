@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from _attack_model import enumerate_chain
 from _attack_records import Check, Skip, Trial
-from _attack_scenarios import Rng, draw, in_time, policies
+from _attack_scenarios import Rng, draw, in_time, limits_of, policies
 from scipy.stats import binom
 
 import casswarm as csw
@@ -133,12 +133,13 @@ def limits(rng: Rng) -> Iterator[Check]:
 
 def _within(scenario: csw.Scenario, states: States, move: Transition, name: str) -> Iterator[Check]:
     """Limits of speed and acceleration, dynamics and probabilities of a step."""
-    v_max, alive = scenario.swarm.v_max, states.alive
-    speed = float(np.abs(move.velocities[alive]).max()) / v_max - 1
+    alive = states.alive
+    v_max, a_max = (limit + 0 * alive[..., None] for limit in limits_of(scenario))
+    speed = float((np.abs(move.velocities) / v_max)[alive].max()) - 1
     yield Check("limits, speed", speed, 2e-12, name)
-    change = (move.velocities - states.previous_velocities)[alive]
-    excess = float(np.hypot(*change.T).max()) - np.sqrt(scenario.swarm.a_max)
-    yield Check("limits, acceleration", excess / v_max, 2e-12, name)
+    change = np.linalg.norm(move.velocities - states.previous_velocities, axis=-1)[..., None]
+    excess = float(((change - np.sqrt(a_max)) / v_max)[alive].max())
+    yield Check("limits, acceleration", excess, 2e-12, name)
     following = states.positions + scenario.time.dt * move.velocities
     yield Check(
         "limits, dynamics", float(np.abs(following - move.positions)[alive].max()), 0.0, name

@@ -13,6 +13,7 @@ from _attack_records import Check, Skip
 from _attack_scenarios import (
     Data,
     Rng,
+    as_led,
     data_of,
     draw,
     in_time,
@@ -38,7 +39,7 @@ def images(rng: Rng) -> Iterator[Check]:
     scenario = in_time(rng, ordinary)
     data = data_of(scenario)
     kind = str(rng.choice(["length", "time", "shifted", "mirrored", "turned", "permuted"]))
-    if kind == "permuted" and scenario.n < 3:
+    if kind == "permuted" and scenario.swarm.counting.sum() < 3:
         raise Skip("one member has one order, and the central of two is the first")
     changed, policy = _image(rng, kind, data), str(rng.choice(policies(scenario)))
     before = _numbers(scenario, policy)
@@ -70,8 +71,11 @@ def _image(rng: Rng, kind: str, data: Data) -> Data:
         return moved(data, _MIRROR, np.zeros(2))
     if kind == "turned":
         return moved(data, _QUARTER_TURN, np.zeros(2))
-    order = rng.permutation(len(data["swarm"]["positions"]))
-    return data | {"swarm": data["swarm"] | {"positions": data["swarm"]["positions"][order]}}
+    swarm, order = data["swarm"], rng.permutation(len(data["swarm"]["positions"]))
+    ordered = {"positions": swarm["positions"][order]}
+    if "kind" in swarm:
+        ordered["kind"] = [swarm["kind"][row] for row in order]
+    return data | {"swarm": swarm | ordered}
 
 
 def _numbers(scenario: csw.Scenario, policy: str) -> dict[str, float]:
@@ -103,6 +107,7 @@ def _barely_reachable(scenario: csw.Scenario) -> bool:
 
     Its multiplier of arrival is ill-conditioned; every multiplier gives a valid bound.
     """
+    scenario = as_led(scenario)
     way = np.abs(np.array(scenario.target.center) - scenario.guide_start).max()
     reach = scenario.n_steps * scenario.time.dt * scenario.swarm.v_max
     return bool(way - scenario.target.radius > (1 - 1e-3) * reach)

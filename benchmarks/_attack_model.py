@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from _attack_scenarios import limits_of
 
 import casswarm as csw
+from casswarm.scenario.members import MemberKind
 from casswarm.scenario.radars import Radar
 from casswarm.scenario.zones import ZoneTable
 
@@ -32,6 +34,7 @@ class Rates:
     dt: float = 0.0
     zones: tuple[ZoneTable, ...] = ()
     parts: int = 1
+    kinds: tuple[MemberKind, ...] = ()
 
     @classmethod
     def from_scenario(cls, scenario: csw.Scenario) -> Rates:
@@ -46,6 +49,7 @@ class Rates:
             *(radars, strengths, alpha, beta, float(core)),
             *(tuple(table.radar), scenario.time.dt, tuple(table.zone)),
             scenario.time.substeps,
+            scenario.swarm.of_members,
         )
 
     def after(self, step: float) -> Rates:
@@ -101,11 +105,13 @@ class Rates:
         for i, x in enumerate(positions):
             others = [j for j in np.flatnonzero(alive) if j != i]
             pairs = [float(((x - positions[j]) ** 2).sum()) for j in others]
-            density = 1.0 + sum(1 / (1 + self.alpha[2] * pair) for pair in pairs)
+            density = self.kinds[i].density
+            for j, pair in zip(others, pairs, strict=True):
+                density += self.kinds[j].density / (1 + self.alpha[2] * pair)
             squared = ((x - self.radars) ** 2).sum(axis=-1)
             source = self.alpha[0] * float((self.strengths / self._core(squared)).sum())
             source += (1 + self.alpha[1]) * float(self.of_zones(x))
-            rates[i] = source / (1 + self.alpha[1] * density)
+            rates[i] = self.kinds[i].exposure * source / (1 + self.alpha[1] * density)
             if self.beta is not None:
                 one, two = self.beta
                 rates[i] += sum((one / np.sqrt(self._core(np.array(p)))) ** two for p in pairs)
@@ -118,7 +124,7 @@ class Rates:
 
 def shortened(scenario: csw.Scenario, velocities: np.ndarray, factor: float = 1.0) -> np.ndarray:
     """Velocities (..., 2) within the limits of speed, times a factor."""
-    limit = factor * scenario.swarm.v_max
+    limit = factor * limits_of(scenario)[0]
     within = np.clip(velocities, -limit, limit)
     if scenario.swarm.speed == "box":
         return within
@@ -130,7 +136,7 @@ def speed(scenario: csw.Scenario, velocities: np.ndarray) -> float:
     """Largest speed of velocities (..., 2), relative to its limit."""
     box = scenario.swarm.speed == "box"
     largest = np.abs(velocities) if box else np.hypot(velocities[..., 0], velocities[..., 1])
-    return float(largest.max()) / scenario.swarm.v_max
+    return float((largest / limits_of(scenario)[0]).max())
 
 
 def _distances(zone: ZoneTable, points: np.ndarray) -> np.ndarray:
@@ -175,7 +181,8 @@ def enumerate_chain(
         following = x + dt * velocities
         survival = np.exp(-dt * rates.over(step, x, following, alive))
         distances = [np.hypot(*(following - each.center).T) - each.radius for each in targets]
-        inside = np.min(distances, axis=0) <= 0
+        counting = [kind.counts for kind in rates.kinds]
+        inside = (np.min(distances, axis=0) <= 0) & counting
         living = np.flatnonzero(alive)
         for lives in itertools.product([True, False], repeat=len(living)):
             after = np.zeros(n, bool)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -17,8 +18,8 @@ Rng = np.random.Generator
 
 def is_plain(scenario: csw.Scenario) -> bool:
     """Whether value functions treat it."""
-    parts, others = scenario.time.substeps, scenario.target.other
-    return parts == 1 and not others and scenario.swarm.speed == "box"
+    parts, others, swarm = scenario.time.substeps, scenario.target.other, scenario.swarm
+    return parts == 1 and not others and swarm.speed == "box" and swarm.kind is None
 
 
 def policies(scenario: csw.Scenario, horizon: int = 0) -> list[str]:
@@ -26,7 +27,7 @@ def policies(scenario: csw.Scenario, horizon: int = 0) -> list[str]:
     names = ["naive", "leader", "constrained"]
     if is_plain(scenario):
         names += ["leader-feedback", "constrained-feedback"]
-    if horizon and scenario.swarm.speed == "box":
+    if horizon and scenario.swarm.speed == "box" and scenario.swarm.kind is None:
         names += [f"leader-mpc-{horizon}", f"constrained-mpc-{horizon}"]
     return names
 
@@ -56,11 +57,55 @@ def draw(
         data["target"]["other"] = [_other_target(rng, data)]
     if rng.random() < 0.2:
         data["success"] = {"arrivals": int(rng.integers(1, len(data["swarm"]["positions"]) + 1))}
+    if rng.random() < 0.25:
+        data["swarm"] |= _kinds(rng, data["swarm"])
     try:
         return csw.Scenario.from_data(data)
     except csw.ScenarioError as error:
-        key = str(getattr(error, "key", "")).partition("[")[0]
+        key = re.sub(r"kinds\.\w+", "kinds", str(getattr(error, "key", "")).partition("[")[0])
         raise Skip(f"scenario refused: {key}") from None
+
+
+def _kinds(rng: Rng, swarm: Data) -> Data:
+    """A kind for every member, up to three of them; the first member counts."""
+    names = rng.choice(["a", "b", "c"], len(swarm["positions"]))
+    tables: dict[str, Data] = {}
+    for name in names:
+        factors = 10 ** rng.uniform(-1, 1, size=4)
+        values = {"exposure": factors[0], "density": factors[1]}
+        values |= {"v_max": swarm["v_max"] * factors[2] ** 0.3}
+        values |= {"a_max": swarm["a_max"] * factors[3]}
+        kept = {key: value for key, value in values.items() if rng.random() < 0.6}
+        tables[name] = kept | {"counts": name == names[0] or bool(rng.random() < 0.5)}
+    return {"kind": names.tolist(), "kinds": tables}
+
+
+def as_led(scenario: csw.Scenario) -> csw.Scenario:
+    """The scenario of equal members that a guide's agent stands for, from the equations."""
+    swarm, table = scenario.swarm, scenario.hazard_table
+    if swarm.kind is None:
+        return scenario
+    kind = swarm.of_members[swarm.central_member]
+    values: Data = {
+        "swarm.kind": None, "swarm.kinds": None, "swarm.v_max": kind.v_max,
+        "swarm.a_max": kind.a_max, "guide.margin": scenario.arrival_margin,
+        "swarm.positions": scenario.positions[swarm.counting], "success.arrivals": 1,
+        "hazard.alpha_1": kind.exposure * table.alpha_1,
+        "hazard.alpha_2": kind.density * table.alpha_2,
+    }  # fmt: skip
+    share = kind.exposure * (1 + table.alpha_2) / (1 + kind.density * table.alpha_2)
+    tables = [zone.model_dump(exclude_none=True) for zone in table.zone]
+    values["hazard.zone"] = [zone | {"rate": zone["rate"] * share} for zone in tables]
+    return scenario.with_values(values)
+
+
+def limits_of(scenario: csw.Scenario) -> tuple[Any, Any]:
+    """v_max and a_max of all members, or where they differ, (n, 1) each."""
+    swarm = scenario.swarm
+    if swarm.kind is None:
+        return swarm.v_max, swarm.a_max
+    kinds = swarm.of_members
+    return np.array([[kind.v_max] for kind in kinds]), np.array([[kind.a_max] for kind in kinds])
 
 
 def in_time(rng: Rng, scenario: csw.Scenario) -> csw.Scenario:
@@ -341,6 +386,11 @@ def _with_tables(data: Data, units: tuple[float, float, float]) -> Data:
     powers |= {"path": scale, "active": time, "rate": 1 / time}
     powers |= dict.fromkeys(["center", "vertices"], scale[1:])
     powers |= dict.fromkeys(["radius", "edge"], scale[1])
+    speeds = {"v_max": scale[1] / time, "a_max": (scale[1] / time) ** 2}
+    data["swarm"]["kinds"] = {
+        kind: {name: v * speeds.get(name, 1) for name, v in table.items()}
+        for kind, table in data["swarm"].get("kinds", {}).items()
+    }
     for part, key in _TABLES:
         data[part][key] = [
             {name: v * powers.get(name, 1) for name, v in table.items()}

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from _attack_model import Rates, project
 from _attack_records import Check, Skip
-from _attack_scenarios import Rng, draw
+from _attack_scenarios import Rng, draw, limits_of
 from scipy.optimize import nnls
 
 import casswarm as csw
@@ -74,7 +74,8 @@ def _states(rng: Rng, scenario: csw.Scenario) -> Step:
     positions = goal - 0.5 * unit * rng.random(2) + spread * rng.normal(size=shape)
     if rng.random() < 0.2:
         positions[:] = positions[:, :1]  # coincident members
-    previous = np.clip(v_max * rng.normal(scale=0.5, size=shape), -v_max, v_max)
+    fastest = limits_of(scenario)[0]
+    previous = np.clip(v_max * rng.normal(scale=0.5, size=shape), -fastest, fastest)
     living = alive[..., None]
     return Step(
         scenario.hazard,
@@ -98,7 +99,7 @@ def _objective(scenario: csw.Scenario):
 
     following, total = x + dt * v, ca.SX(0)
     for i in range(n):
-        source, density, collision = ca.SX(0), ca.SX(1), ca.SX(0)
+        source, density, collision = ca.SX(0), ca.SX(rates.kinds[i].density), ca.SX(0)
         for radar, strength in zip(rates.radars, rates.strengths, strict=True):
             source += rates.alpha[0] * strength / core(ca.sumsqr(following[:, i] - radar))
         for zone in scenario.hazard_table.regions:
@@ -106,10 +107,11 @@ def _objective(scenario: csw.Scenario):
         for j in range(n):
             if j != i:
                 squared = ca.sumsqr(following[:, i] - following[:, j])
-                density += alive[j] / (1 + rates.alpha[2] * squared)
+                density += alive[j] * rates.kinds[j].density / (1 + rates.alpha[2] * squared)
                 if rates.beta is not None:
                     one, two = rates.beta
                     collision += alive[j] * (one**2 / core(squared)) ** (two / 2)
+        source *= rates.kinds[i].exposure
         total += weights[i] * (source / (1 + rates.alpha[1] * density) + collision)
     function = ca.Function("f", [x, v, alive, weights], [total, ca.gradient(total, ca.vec(v))])
 

@@ -51,6 +51,7 @@ COMMANDS = {
         *("sweep", "gauntlet", "--set", "success.arrivals=1,2,3,4,5"),
         *("--policy", "leader", "--policy", "constrained", "--policy", "joint"),
     ],
+    "companions": ["plan-swarm", "companions"],
     "substeps": [
         *("sweep", "alley", "--set", "time.substeps=1,2,4,8"),
         *("--policy", "leader", "--policy", "constrained"),
@@ -80,6 +81,7 @@ FIGURES = {
     "plan-targets": ("guide",),
     "plan-disc": ("guide",),
     "arrivals": ("over-success-arrivals",),
+    "companions": ("joint",),
     "substeps": ("over-time-substeps",),
     "compare": ("overview", "convergence-formations-cold"),
 }
