@@ -38,7 +38,8 @@ def test_new_shows_every_optional_key_commented_out(tmp_path):
     text = (tmp_path / "mine.toml").read_text()
     for key in known_keys(Scenario):
         leaf = key.rpartition(".")[2]
-        assert re.search(rf"^(# )?(\[{key}\]$|\[\[{key}\]\]$|{leaf} = )", text, re.MULTILINE), key
+        table = rf"\[{key}(\.\w+)?\]$|\[\[{key}\]\]$"
+        assert re.search(rf"^(# )?({table}|{leaf} = )", text, re.MULTILINE), key
     optional = "strengths|core_radius|margin"
     changed, number = re.subn(rf"^# (?=({optional}) = )", "", text, flags=re.MULTILINE)
     assert number == 3
