@@ -365,8 +365,9 @@ def terminal_costs(
     """Costs of runs by the step at which they end and the set d that is alive then.
 
     `inside` (N, n) tells whether each member that counts is in the target at steps 1..N, and
-    `needed` how many living ones end a run. Costs (N, 2^n) are of runs that end so at a step, 0 where they do not;
-    then whether they do (N, 2^n); and costs (2^n,) of runs that end after step N without success.
+    `needed` how many living ones end a run. Costs (N, 2^n) are of runs that end so at a step, 0
+    where they do not; then whether they do (N, 2^n); and costs (2^n,) of runs that end after step N
+    without success.
     """
     members = subsets(n).members
     arriving = inside.astype(float) @ members.T

@@ -115,7 +115,8 @@ def success_bound(
 
     The bound covers feedback, randomised and history-dependent policies, with any acceleration.
     Where members differ, all of them are as safe, fast and protective as any (a relaxation), and
-    the level game lets all arrivals count. It depends on the speed of the machine only if a time limit ends its refinement.
+    the level game lets all arrivals count. The bound depends on the speed of the machine only if a
+    time limit ends its refinement.
 
     Parameters
     ----------

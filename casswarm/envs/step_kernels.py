@@ -118,8 +118,8 @@ def advance(
 ) -> None:
     """Draw the survivors of the active swarms and advance them; `draws` (n,) is overwritten.
 
-    A run ends when `arrivals` living members that count are in the target, with the last destruction, or at
-    the horizon.
+    A run ends when `arrivals` living members that count are in the target, with the last
+    destruction, or at the horizon.
     """
     for b in range(active.size):
         if not active[b]:

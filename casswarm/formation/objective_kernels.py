@@ -156,7 +156,9 @@ def pair_gradients(n: int, first: int, living: int, scratch: FloatArray) -> None
         east_i, north_i, own = east[i], north[i], densities[i]
         slopes = pairs[start : start + i]
         for j in range(i):
-            slopes[j] *= shares[j] * own + shares[i] * densities[j] if DIFFER else own + densities[j]
+            slopes[j] *= (
+                shares[j] * own + shares[i] * densities[j] if DIFFER else own + densities[j]
+            )
         start += i
         if COLLIDES:
             own = collisions[i]

@@ -244,7 +244,8 @@ _TIE = 1e-6  # of rates, and of distances in v_max dt: a tie, in which the lower
 def nearest(step: Step, reference: FloatArray) -> NDArray[np.intp]:
     """The living member nearest to the guide's present point, ties by index.
 
-    As in the other rules, among those that may lead (`Step.candidates`). `reference` has one point, (2,), or one for every state, (B, 2) or (B, 1, 2).
+    As in the other rules, among those that may lead (`Step.candidates`). `reference` has one point,
+    (2,), or one for every state, (B, 2) or (B, 1, 2).
     """
     batch, tie = len(step.alive), _TIE * step.motion.v_max * step.motion.dt
     points, leaders = np.empty((batch, 2)), np.empty(batch, np.intp)

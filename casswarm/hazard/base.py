@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -164,7 +165,7 @@ class Hazard(ABC):
             )
         return rates.reshape(x.shape[:-1])
 
-    def with_members(self, exposures: tuple[float, ...], densities: tuple[float, ...]) -> Hazard:
+    def with_members(self, exposures: tuple[float, ...], densities: tuple[float, ...]) -> Self:
         """The hazard of members with such factors (n,) of rates, and terms (n,) of densities.
 
         Raises
@@ -179,7 +180,7 @@ class Hazard(ABC):
             value=(exposures, densities),
         )
 
-    def of_members(self, rows: IntArray) -> Hazard:  # noqa: ARG002
+    def of_members(self, rows: IntArray) -> Self:  # noqa: ARG002
         """The hazard of some of the members: itself, unless they differ."""
         return self
 

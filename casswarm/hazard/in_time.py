@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Self
 
 import casadi as ca
 import numpy as np
@@ -109,13 +109,11 @@ class HazardInTime(Hazard):
         return self.at(0.0).radar_positions
 
     @override
-    def with_members(
-        self, exposures: tuple[float, ...], densities: tuple[float, ...]
-    ) -> HazardInTime:
+    def with_members(self, exposures: tuple[float, ...], densities: tuple[float, ...]) -> Self:
         return replace(self, hazard=self.hazard.with_members(exposures, densities))
 
     @override
-    def of_members(self, rows: IntArray) -> Hazard:
+    def of_members(self, rows: IntArray) -> Self:
         return replace(self, hazard=self.hazard.of_members(rows))
 
     @override

@@ -20,7 +20,7 @@ from abc import abstractmethod
 from copy import copy
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import casadi as ca
 import numpy as np
@@ -215,16 +215,14 @@ class KernelHazard(Hazard):
         return unblocked(set_rates(self, blocks, sets), len(positions)) * sets
 
     @override
-    def with_members(
-        self, exposures: tuple[float, ...], densities: tuple[float, ...]
-    ) -> KernelHazard:
+    def with_members(self, exposures: tuple[float, ...], densities: tuple[float, ...]) -> Self:
         return self._with(Members(exposures, densities))
 
     @override
-    def of_members(self, rows: IntArray) -> KernelHazard:
+    def of_members(self, rows: IntArray) -> Self:
         return self if self.members is None else self._with(self.members.of(rows))
 
-    def _with(self, members: Members | None) -> KernelHazard:
+    def _with(self, members: Members | None) -> Self:
         """Copy with other members, also of a snapshot, whose radars may be off."""
         changed = copy(self)
         object.__setattr__(changed, "members", members)

@@ -23,6 +23,7 @@ WIDTH = 13  # numbers of a row
 PAIRS = ((4, 7), (4, 10), (7, 10))
 Candidate: TypeAlias = tuple[float, float, bool]
 
+
 @kernel
 def clip(value: float, low: float, high: float) -> float:
     """Nearest number to `value` between `low` and `high`."""

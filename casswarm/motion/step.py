@@ -46,7 +46,9 @@ class Motion:
     def from_scenario(cls, scenario: Scenario) -> Motion:
         """Limits of the members of a scenario."""
         swarm, dt = scenario.swarm, scenario.time.dt
-        limits = [(kind.v_max or swarm.v_max, kind.a_max or swarm.a_max) for kind in swarm.of_members]
+        limits = [
+            (kind.v_max or swarm.v_max, kind.a_max or swarm.a_max) for kind in swarm.of_members
+        ]
         v_max, a_max = map(max, zip(*limits, strict=True))
         members = () if len(set(limits)) == 1 else tuple(limits)
         return cls(v_max, a_max, dt, swarm.speed == "disc", members)

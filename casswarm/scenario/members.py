@@ -145,4 +145,3 @@ def with_equal_members(scenario: Scenario, kind: MemberKind, rows: Sequence[int]
             for zone in table.zone
         ]
     return scenario.with_values(values)
-

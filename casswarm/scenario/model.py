@@ -22,8 +22,8 @@ from .members import most_favourable, with_accelerations, with_equal_members
 from .sections import Changes, Disc, FormationOptions, GuideOptions, Success, Swarm, Target, Time
 from .toml_text import annotated, toml_text
 from .validation import (
-    NO_SUCH_KEY,
     KINDS_PREFIX,
+    NO_SUCH_KEY,
     PARAMETER_PREFIX,
     Name,
     Table,
@@ -165,7 +165,7 @@ class Scenario(Displayed, Table):
         return self.with_kind_of(self.swarm.central_member)
 
     def with_kind_of(self, member: int) -> Scenario:
-        """The scenario with its members that count, all of a member's kind; itself without kinds."""
+        """The scenario with its members that count, all of one's kind; itself without kinds."""
         if self.swarm.kind is None:
             return self
         rows = np.flatnonzero(self.swarm.counting)

@@ -36,7 +36,7 @@ def posed(
         "time.t_f": 0.33 * STEPS + 0.1,
     }
     if differ:
-        kinds = rng.uniform(0.3, 3.0, (n, 4)) + [0.0, 0.0, 4.0, 0.0]
+        kinds = rng.uniform([0.3, 0.3, 4.0, 0.3], [3.0, 3.0, 7.0, 3.0], (n, 4))
         names = ("exposure", "density", "v_max", "a_max")
         tables = {str(k): dict(zip(names, kind, strict=True)) for k, kind in enumerate(kinds)}
         near |= {"swarm.kind": list(tables), "swarm.kinds": tables}

@@ -93,7 +93,9 @@ def test_units_of_length_and_time_do_not_matter() -> None:
     for name, kind in plain.swarm.kinds.items():
         values[f"swarm.kinds.{name}.v_max"] = speed * (kind.v_max or 0.0)
         values[f"swarm.kinds.{name}.a_max"] = speed**2 * (kind.a_max or 0.0)
-    results = [csw.evaluate(one, "leader", 1e-6).success for one in (plain, plain.with_values(values))]
+    results = [
+        csw.evaluate(one, "leader", 1e-6).success for one in (plain, plain.with_values(values))
+    ]
     assert results[0].low == pytest.approx(results[1].low, abs=1e-5)
 
 
@@ -169,7 +171,8 @@ def test_every_member_obeys_its_own_limits() -> None:
         for member, (v_max, a_max) in enumerate(limits):
             alive = trajectory.alive[1:, member]
             own = velocities[alive, member]
-            assert v_max is not None and a_max is not None
+            assert v_max is not None
+            assert a_max is not None
             assert np.abs(own).max(initial=0.0) <= v_max * (1 + 1e-6)
             changes = (np.diff(own, axis=0) ** 2).sum(axis=-1)
             assert changes.max(initial=0.0) <= a_max * (1 + 1e-5) + 1e-9
@@ -292,8 +295,10 @@ def test_factors_of_users_rates_are_theirs() -> None:
         three().with_hazard(rates_of_users)
     assert caught.value.key == "swarm.kinds.companion.exposure"
     kinds = {"swarm.kinds.companion": {"counts": False}, "swarm.kinds.slow": {"v_max": 1.8}}
-    own = abreast(3).with_hazard(rates_of_users).with_values(
-        {"swarm.kind": ["carrier", "companion", "slow"], **kinds}
+    own = (
+        abreast(3)
+        .with_hazard(rates_of_users)
+        .with_values({"swarm.kind": ["carrier", "companion", "slow"], **kinds})
     )
     assert csw.evaluate(own, "leader", 1e-4).success.low > 0.0
 
