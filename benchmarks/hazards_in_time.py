@@ -29,9 +29,8 @@ def at_rest(scenario: csw.Scenario) -> csw.Scenario:
     return scenario.with_values({"hazard.radar": [], "hazard.radars": radars})
 
 
-def calls(scenario: csw.Scenario, fine: bool) -> dict[str, Callable[[], object]]:
-    """What is measured, by name."""
-    guide = csw.plan(scenario, certify=False, search="local" if fine else None)
+def calls(scenario: csw.Scenario, fine: bool, guide: csw.Guide) -> dict[str, Callable[[], object]]:
+    """What is measured, by name: runs with the same guide, which has a number of steps."""
     with_guide = {
         "simulate": lambda: csw.simulate(scenario, "leader", 5000, guide=guide),
         "evaluate": lambda: csw.evaluate(scenario, "leader", 1e-3, guide=guide),
@@ -51,9 +50,9 @@ def main() -> None:
     for name in ("patrol", "blink"):
         for fine in (False, True):
             moving = csw.load_scenario(name).refined(8 if fine else 1)
-            pairs = zip(
-                calls(at_rest(moving), fine).items(), calls(moving, fine).values(), strict=True
-            )
+            guide = csw.plan(moving, certify=False, search="local" if fine else None)
+            rest = calls(at_rest(moving), fine, guide).items()
+            pairs = zip(rest, calls(moving, fine, guide).values(), strict=True)
             for (what, rest), call in pairs:
                 seconds = [[_seconds(each) for each in (rest, call)] for _ in range(_PAIRS + 1)][1:]
                 medians = [statistics.median(column) for column in zip(*seconds, strict=True)]

@@ -72,6 +72,8 @@ def parameters(scenario: Scenario) -> list[Parameter]:
     listed = []
     for key in SLIDERS:
         number = value(scenario, key)
+        if key == "n" and scenario.swarm.kind is not None:
+            continue  # members differ: their number is not one to slide
         if key == "n":
             most = max(MAX_MEMBERS, scenario.n)
             listed.append(Parameter(key, 1, most, True, "Number of members."))

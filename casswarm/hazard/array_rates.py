@@ -6,7 +6,7 @@ vectorised over the lanes l of a block.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +51,16 @@ def state_rates(
                 np.sum(collision(pairs) * others, axis=-1),
             )
     return rates
+
+
+def single_rates(hazards: Sequence[KernelHazard], points: FloatArray) -> FloatArray:
+    """Rates (T, m) of single agents at points (T, m, 2), by hazards (T,) with the same kernels."""
+    source, density, _, combine, zone = lowered_kernels(hazards[0])
+    radars = radar_table(*hazards)[..., 0]
+    with np.errstate(all="ignore"):  # as in `state_rates`
+        sources = source(_squared_distances(points, radars[..., :2])) * radars[:, None, :, 2]
+        sources = np.sum(sources, axis=-1) + zone(points[..., 0], points[..., 1])
+        return np.asarray(combine(sources, density(0.0), 0.0))
 
 
 def _factors(hazard: KernelHazard, n: int) -> tuple[FloatArray | None, FloatArray | None]:

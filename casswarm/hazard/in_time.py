@@ -18,11 +18,13 @@ from typing_extensions import override
 from .._util.threads import locked_cache
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray, IntArray
+from .array_rates import single_rates
 from .base import Hazard
 from .custom import CustomHazard
 from .kernel_hazard import KernelHazard
 from .rate_bounds import LeastRate, PairBounds
 
+_TOGETHER = 1 << 16  # coordinates of points whose rates are computed in one call
 _ROUNDING = 1e-9  # relative: a step ends at the end of an interval despite rounding
 
 
@@ -156,7 +158,12 @@ class HazardInTime(Hazard):
 
     @override
     def rates_along(self, points: FloatArray, step: int = 0) -> FloatArray:
-        rates = [self.after(t).single_agent_rates(x) for t, x in enumerate(points, step + 1)]
+        hazards = [self.after(t) for t in range(step + 1, step + 1 + len(points))]
+        if self.tracks and 0 < points.size <= _TOGETHER:
+            flat = single_rates(hazards, points.reshape(len(points), -1, 2))  # type: ignore[arg-type]
+            if (np.isfinite(flat) & (flat >= 0)).all():
+                return flat.reshape(points.shape[:-1])
+        rates = [each.single_agent_rates(x) for each, x in zip(hazards, points, strict=True)]
         return np.stack(rates) if rates else np.empty(points.shape[:-1])
 
     @override

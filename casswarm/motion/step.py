@@ -70,8 +70,8 @@ class Motion:
     @property
     def limits(self) -> FloatArray:
         """The limits as kernels take them, (n, 3) or (1, 3): see `planar_kernels.motion_set`."""
-        v_max, a_max = self.bounds.T
-        return np.stack([v_max, np.sqrt(a_max), v_max if self.disc else 0 * v_max + np.inf], axis=1)
+        rows = self.members or ((self.v_max, self.a_max),)
+        return np.array([(v, math.sqrt(a), v if self.disc else math.inf) for v, a in rows], float)
 
     @property
     def bounds(self) -> FloatArray:

@@ -18,7 +18,7 @@ from sphinx.util.docutils import SphinxDirective
 
 from casswarm.scenario import Scenario, builtin_scenarios, load_scenario
 from casswarm.scenario.hazard_table import CONSTANTS
-from casswarm.scenario.validation import allowed, element_table, fields, subtable
+from casswarm.scenario.validation import allowed, element_table, fields, has_names, subtable
 
 HEAD = ("Key", "Allowed", "Default", "Meaning")
 
@@ -30,11 +30,11 @@ def tables() -> Iterator[tuple[str, type[BaseModel]]]:
         model = subtable(field)
         if model is not None:
             yield key, model
-            yield from (
-                (f"[{key}.{name}]", element)
-                for name, inner in fields(model).items()
-                if (element := element_table(inner)) is not None
-            )
+            for name, inner in fields(model).items():
+                element = element_table(inner)
+                if element is not None:
+                    named = has_names(inner)
+                    yield (f"{key}.{name}.NAME" if named else f"[{key}.{name}]"), element
 
 
 def rows(table: str, model: type[BaseModel]) -> list[tuple[str, str, str, str]]:

@@ -57,6 +57,26 @@ def test_env_with_policy_has_runs_of_simulate(policy: str, mode: str, guide: csw
     np.testing.assert_array_equal(table["returns"], table["success"])
 
 
+def test_env_with_members_that_differ_has_runs_of_simulate() -> None:
+    kinds = {
+        "swarm.kind": ["carrier", "companion", "slow"],
+        "swarm.kinds.companion": {"exposure": 3.0, "density": 2.0, "counts": False, "v_max": 2.5},
+        "swarm.kinds.slow": {"v_max": 1.2, "a_max": 0.2, "exposure": 0.5},
+    }
+    scenario = SMALL.with_values(kinds)
+
+    def hurried(step: int, positions: Any, _: Any, alive: Any) -> Any:
+        return alive[..., None] * (np.array([2.3, 0.1]) + np.sin(5.0 * positions + step))
+
+    env = SwarmVectorEnv(scenario, 60)
+    table = outcomes(env, csw.as_policy(hurried), seed=5, episodes=3)
+    guide = csw.plan(scenario, certify=False)
+    runs = csw.simulate(scenario, hurried, runs=180, seed=5, guide=guide).runs
+    assert 0 < runs["success"].sum() < 180
+    same_runs(table, runs)
+    assert table["saturated"].sum() > 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper-1", "paper-2", "alley", "gauntlet"])
 def test_env_of_builtin_scenario_has_runs_of_simulate(name: str) -> None:
