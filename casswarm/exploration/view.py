@@ -215,6 +215,8 @@ def _scene(session: Session) -> Message:
         "revision": session.revision,
         "name": scenario.name,
         "members": scenario.swarm.positions,
+        "kinds": scenario.swarm.kind or [],
+        "counting": scenario.swarm.counting.tolist(),
         "radars": table.starts,
         "strengths": [*strengths, *(radar.strength for radar in table.radar)],
         "tracks": [None] * len(table.radars) + [_track(scenario, each) for each in table.radar],

@@ -143,7 +143,10 @@ class MapView {
     const [x, y] = this.toPixels(position);
     mark.setAttribute("transform", `translate(${x} ${y})`);
     this.drawTrack(name, scene, mark);
-    const label = `${title(name)} at ${position.map((value) => short(value)).join(", ")}`;
+    const [kind, index] = name.split(" ");
+    const named = kind === "member" && scene.kinds.length ? `, ${scene.kinds[index]},` : "";
+    mark.classList.toggle("csw-uncounted", kind === "member" && !scene.counting[index]);
+    const label = `${title(name)}${named} at ${position.map((value) => short(value)).join(", ")}`;
     mark.setAttribute("aria-label", `${label}; arrow keys move it`);
     mark.querySelector("title").textContent = label;
   }
