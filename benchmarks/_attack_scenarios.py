@@ -388,7 +388,7 @@ def _with_tables(data: Data, units: tuple[float, float, float]) -> Data:
     powers |= dict.fromkeys(["radius", "edge"], scale[1])
     speeds = {"v_max": scale[1] / time, "a_max": (scale[1] / time) ** 2}
     data["swarm"]["kinds"] = {
-        kind: {name: v * speeds.get(name, 1) for name, v in table.items()}
+        kind: {name: v * speeds[name] if name in speeds else v for name, v in table.items()}
         for kind, table in data["swarm"].get("kinds", {}).items()
     }
     for part, key in _TABLES:

@@ -441,15 +441,15 @@ def disc_windows(reach: int) -> tuple[Window, ...]:
     k + sqrt(2) away; ``docs/global-guide.md``, Speed in every direction.
     """
     radius = (reach + math.sqrt(2)) * (1 + 1e-12)
-    ends = radius * np.sin(np.linspace(0.0, math.pi / 2, _RECTANGLES + 1))[1:]
+    ends = radius * np.sin(np.linspace(0.0, math.pi / 4, _RECTANGLES // 2 + 1))[1:]
     tops = sorted({min(reach, int(end)) for end in ends})
-    windows, first = [], 0
+    rows: dict[int, int] = {}  # tops by width, the highest of each
+    first = 0
     for top in tops:  # rows from `first` to `top` are at most as wide as the first of them
-        width = min(reach, int(math.sqrt(radius**2 - first**2)))
-        if top >= first:
-            windows.append((width, top))
+        rows[min(reach, int(math.sqrt(radius**2 - first**2)))] = top
         first = top + 1
-    return tuple(windows)
+    # beyond the diagonal, columns for rows: quarter turns and mirrors change nothing
+    return tuple(dict.fromkeys([*rows.items(), *((top, width) for width, top in rows.items())]))
 
 
 def node_count(task: Relaxation, stride: int, reach: int, starts: FloatArray | None = None) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -67,7 +68,7 @@ class Motion:
         motion_sets(flat, self.limits, rows.reshape(-1, WIDTH))
         return PlanarSets.from_packed(rows, 3 if self.disc else 1)
 
-    @property
+    @cached_property
     def limits(self) -> FloatArray:
         """The limits as kernels take them, (n, 3) or (1, 3): see `planar_kernels.motion_set`."""
         rows = self.members or ((self.v_max, self.a_max),)

@@ -108,6 +108,7 @@ def test_environment_has_the_runs_of_simulate() -> None:
 @pytest.mark.parametrize("reach", [1, 2, 3, 5, 8, 16, 21, 64])
 def test_windows_hold_all_nodes_that_are_reached(reach: int) -> None:
     windows, k = disc_windows(reach), range(-reach, reach + 1)
+    assert set(windows) == {(north, east) for east, north in windows}  # as a quarter turn maps them
     for i, j in product(k, k):
         if math.hypot(i, j) <= reach + math.sqrt(2):
             assert any(abs(i) <= east and abs(j) <= north for east, north in windows)
