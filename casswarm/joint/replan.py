@@ -193,10 +193,12 @@ class PlanTree:
         """A plan for the survivors; the rest of the previous one if that is at least as good."""
         step, members = path[-1]
         remaining = branch.remaining(step, members)
-        counting = self.scenario.swarm.counting[list(members)].sum()
+        counting = int(self.scenario.swarm.counting[list(members)].sum())
         if not len(remaining) or counting < self.scenario.success.arrivals:
             return branch
-        scenario = self.scenario.of_members(members)
+        scenario = self.scenario
+        if scenario.swarm.kind is not None:
+            scenario = scenario.of_members(members)
         start, initial_velocities = branch.state(step, members)
         steps = self.scenario.n_steps
         quarter = -(-steps // _HORIZONS)

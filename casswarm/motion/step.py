@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -53,10 +52,6 @@ class Motion:
         v_max, a_max = map(max, zip(*limits, strict=True))
         members = () if len(set(limits)) == 1 else tuple(limits)
         return cls(v_max, a_max, dt, swarm.speed == "disc", members)
-
-    def of_members(self, rows: Sequence[int]) -> Motion:
-        """Limits of some of the members."""
-        return replace(self, members=tuple(self.members[row] for row in rows if self.members))
 
     def sets(self, previous_velocities: FloatArray) -> PlanarSets:
         """Sets of velocities (..., 2) allowed after `previous_velocities` (..., 2).

@@ -107,8 +107,9 @@ class FormationPolicy(Policy):
         data = Step(hazard, self.motion, *state, goals, after, self.counts)
         if self.max_wait == 0:
             return data
-        led = positions[np.arange(len(alive)), self._led(data, self.guide.reference(step))]
-        goals = waiting_goals(self.guide, self.motion, step, led, self.max_wait, horizon)
+        members, bounds = self._led(data, self.guide.reference(step)), self.motion.bounds
+        led, speeds = positions[np.arange(len(alive)), members], bounds[members % len(bounds), 0]
+        goals = waiting_goals(self.guide, speeds, step, led, self.max_wait, horizon)
         return replace(data, goals=goals)
 
     def _led(self, data: Step, reference: FloatArray) -> NDArray[np.intp]:

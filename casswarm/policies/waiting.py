@@ -7,14 +7,14 @@ import math
 import numpy as np
 
 from ..guide.guide import Guide
-from ..motion.step import POSITION_TOL, Motion
+from ..motion.step import POSITION_TOL
 from ..typing import FloatArray
 
 
 def waiting_goals(
-    guide: Guide, motion: Motion, step: int, positions: FloatArray, most: int, horizon: int
+    guide: Guide, speeds: FloatArray, step: int, positions: FloatArray, most: int, horizon: int
 ) -> FloatArray:
-    """The guide's next points (H, B, 2) for members at `positions` (B, 2).
+    """The guide's next points (H, B, 2) for members at `positions` (B, 2), of v_max `speeds` (B,).
 
     With p(s) the guide's path through X*(0), X*(1), ..., linear between these, and L the longest
     way of a member in a step, the first goal is p(sigma) with the largest sigma from
@@ -24,18 +24,18 @@ def waiting_goals(
     """
     first = max(0, step + 1 - most)
     path = np.stack([guide.reference(s) for s in range(first, step + horizon + 1)])
-    sigma = _farthest_within(path[: step + 2 - first], positions, _reach(motion))
+    sigma = _farthest_within(path[: step + 2 - first], positions, _reach(speeds, guide.dt))
     later = sigma[None] + np.arange(horizon)[:, None]
     return _along(path, later)
 
 
-def _reach(motion: Motion) -> float:
-    """L = sqrt(2) v_max dt, up to the accuracy of positions."""
-    return math.sqrt(2) * motion.v_max * motion.dt * (1 + POSITION_TOL)
+def _reach(speeds: FloatArray, dt: float) -> FloatArray:
+    """L = sqrt(2) v_max dt (B,), up to the accuracy of positions."""
+    return math.sqrt(2) * speeds * dt * (1 + POSITION_TOL)
 
 
-def _farthest_within(path: FloatArray, positions: FloatArray, reach: float) -> FloatArray:
-    """Parameters (B,) of the last points of a path (K+1, 2) that are within reach of positions.
+def _farthest_within(path: FloatArray, positions: FloatArray, reach: FloatArray) -> FloatArray:
+    """Parameters (B,) of the last points of a path (K+1, 2) within reach (B,) of positions.
 
     Those of the nearest points where no point is within reach.
     """
@@ -44,7 +44,7 @@ def _farthest_within(path: FloatArray, positions: FloatArray, reach: float) -> F
     squared = (ways * ways).sum(axis=-1)
     inner = (offsets * ways).sum(axis=-1)
     moving = np.where(squared > 0, squared, 1.0)
-    beyond = (offsets * offsets).sum(axis=-1) - reach**2
+    beyond = (offsets * offsets).sum(axis=-1) - reach[:, None] ** 2
     # on p(k + u), |offset - u way|^2 <= reach^2 between the roots of a quadratic polynomial
     discriminant = inner * inner - squared * beyond
     root = np.sqrt(np.maximum(discriminant, 0.0))

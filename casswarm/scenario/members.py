@@ -138,7 +138,8 @@ def with_equal_members(scenario: Scenario, kind: MemberKind, rows: Sequence[int]
     }
     if kind.factors != (1.0, 1.0) and table.alpha_1 is not None and table.alpha_2 is not None:
         values["hazard.alpha_1"] = math.nextafter(kind.exposure * table.alpha_1, 0.0)
-        values["hazard.alpha_2"] = math.nextafter(kind.density * table.alpha_2, math.inf)
+        if table.alpha_2 > 0:
+            values["hazard.alpha_2"] = math.nextafter(kind.density * table.alpha_2, math.inf)
         share = kind.exposure * (1.0 + table.alpha_2) / (1.0 + kind.density * table.alpha_2)
         values["hazard.zone"] = [
             zone.model_dump(exclude_none=True) | {"rate": zone.rate * share * (1.0 - 2.0**-50)}

@@ -140,21 +140,14 @@ class Scenario(Displayed, Table):
         return _read_only(self.swarm.positions[self.swarm.central_member])
 
     def of_members(self, rows: Sequence[int]) -> Scenario:
-        """The scenario with some of its members, in their order; itself without kinds."""
-        kind = self.swarm.kind
-        if kind is None:
-            return self
-        names = [kind[row] for row in rows]
-        tables = {name: table for name, table in self.swarm.kinds.items() if name in names}
-        counting = int(self.swarm.counting[list(rows)].sum())
-        return self.with_values(
-            {
-                "swarm.positions": [self.swarm.positions[row] for row in rows],
-                "swarm.kind": names,
-                "swarm.kinds": tables or None,
-                "success.arrivals": min(self.success.arrivals, counting),
-            }
-        )
+        """The scenario with some of its members, in a given order, as if there were no others.
+
+        Whether they can arrive, and are enough for a success, is not checked.
+        """
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        some = type(self).model_construct(**fields | {"swarm": self.swarm.of_rows(rows)})
+        some._context = self._context
+        return some
 
     @cached_property
     def for_guide(self) -> Scenario:

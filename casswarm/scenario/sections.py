@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Literal, TypedDict
 
@@ -85,6 +85,15 @@ class Swarm(Table):
     def of_members(self) -> tuple[MemberKind, ...]:
         """The kind of every member, with the limits of motion of the swarm where it has none."""
         return of_members(self)
+
+    def of_rows(self, rows: Sequence[int]) -> Swarm:
+        """The swarm with some of its members, in a given order; not validated."""
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        values["positions"] = tuple(self.positions[row] for row in rows)
+        if self.kind is not None:
+            kind = values["kind"] = tuple(self.kind[row] for row in rows)
+            values["kinds"] = {name: each for name, each in self.kinds.items() if name in kind}
+        return type(self).model_construct(**values)
 
     @property
     def counting(self) -> NDArray[np.bool_]:

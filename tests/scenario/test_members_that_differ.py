@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from casswarm.errors import ScenarioError
 from casswarm.formation.task import LEADER_SELECTION
 from casswarm.guide.plan import initial_velocities
 from casswarm.motion import Motion, Step
+from casswarm.policies.formation_policies import LeaderPolicy
 from casswarm.scenario.variations import with_parameters
 
 COMPANION = {"exposure": 2.0, "density": 3.0, "counts": False}
@@ -248,6 +250,46 @@ def test_members_that_do_not_count_do_not_raise_the_bound_of_clocks() -> None:
     one = alone.with_values(kinds)
     bounds = [csw.success_bound(each, 20_000, max_work=0.0).value for each in (one, alone)]
     assert bounds[0] < bounds[1]
+
+
+# --- some of the members
+
+
+def test_some_of_the_members_are_as_if_there_were_no_others() -> None:
+    scenario = three()
+    two = scenario.of_members([2, 0])
+    assert two.swarm.kind == ("slow", "carrier")
+    assert list(two.swarm.kinds) == ["slow"]
+    assert two.positions.tolist() == scenario.positions[[2, 0]].tolist()
+    loaded = csw.Scenario.from_data(two.model_dump(by_alias=True, exclude_none=True))
+    assert loaded == two
+    assert csw.evaluate(two, "leader", 1e-6).success == csw.evaluate(loaded, "leader", 1e-6).success
+    assert abreast(3).of_members([1]).n == 1
+    assert abreast(3).of_members([0, 1]) == abreast(2)
+
+
+def test_replanning_is_no_worse_and_serves_members_that_cannot_arrive_alone() -> None:
+    """After the loss of all others, the slow member could not have come from the start."""
+    scenario = three(steps=6).with_values({"swarm.kinds.slow.v_max": 1.3})
+    plan = csw.plan_swarm(scenario, certify=False)
+    for name in ("joint", "joint-replanning"):
+        found = csw.evaluate(scenario, name, 1e-6).success
+        assert found.high >= plan.success.low - 1e-9
+
+
+def test_guide_waits_within_the_reach_of_its_own_leader() -> None:
+    scenario = three(steps=14).with_values(
+        {"swarm.kind": ["slow", "companion", "slow"], "swarm.kinds.slow.v_max": 1.2}
+    )
+    guide = csw.plan(scenario, certify=False)
+    policy = csw.make_policy("leader", scenario, guide)
+    assert isinstance(policy, LeaderPolicy)
+    policy = replace(policy, max_wait=6)
+    late = np.tile(guide.reference(1), (1, 3, 1))
+    late[:, 1] += 5.0  # the companion is far ahead
+    data = policy._data(3, late, 0 * late, np.ones((1, 3), bool))
+    way = float(np.hypot(*(data.goals[0, 0] - late[0, 0])))
+    assert way == pytest.approx(np.sqrt(2) * 1.2 * scenario.time.dt, rel=1e-5)
 
 
 # --- wrong tables
