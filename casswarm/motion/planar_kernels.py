@@ -246,12 +246,14 @@ def project_adjoint(
     commanded: FloatArray,
     previous: FloatArray,
     projected: FloatArray,
-    v_max: float,
+    limits: FloatArray,
     seeds: FloatArray,
     to_commanded: FloatArray,
     to_previous: FloatArray,
 ) -> None:
-    """Write the products of seeds with the derivatives of M projections; all arrays are (M, 2).
+    """Write the products of seeds with the derivatives of M projections; arrays are (M, 2).
+
+    `limits` are those of the members, in order and again, as of `motion_sets`.
 
     The projection q of p on a box and the disc of radius r around c is the clip of p to the box,
     the point c + r (p - c) / |p - c| of the circle, or a crossing of the circle with a line of the
@@ -259,6 +261,7 @@ def project_adjoint(
     of measure zero, the derivative is that of one of them.
     """
     for m in range(commanded.shape[0]):
+        v_max = limits[m % limits.shape[0], 0]
         px, py, cx, cy = commanded[m, 0], commanded[m, 1], previous[m, 0], previous[m, 1]
         qx, qy, sx, sy = projected[m, 0], projected[m, 1], seeds[m, 0], seeds[m, 1]
         to_commanded[m, 0], to_commanded[m, 1] = 0.0, 0.0

@@ -108,7 +108,7 @@ class Motion:
         given = (commanded, previous_velocities, projected, seeds)
         p, c, q, s = (contiguous(array.reshape(-1, 2)) for array in given)
         to_commanded, to_previous = np.empty_like(p), np.empty_like(p)
-        project_adjoint(p, c, q, self.v_max, s, to_commanded, to_previous)
+        project_adjoint(p, c, q, self.limits, s, to_commanded, to_previous)
         return to_commanded.reshape(seeds.shape), to_previous.reshape(seeds.shape)
 
     def misses(

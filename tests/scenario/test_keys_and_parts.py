@@ -28,7 +28,13 @@ VALUES = {
     "swarm.speed": {"swarm.speed": "disc"},
     "swarm.kind": {
         "swarm.kind": ["carrier", "companion"],
-        "swarm.kinds.companion": {"v_max": 2.5, "exposure": 2.0, "density": 3.0, "counts": False},
+        "swarm.kinds.companion": {
+            "v_max": 2.5,
+            "a_max": 5.0,
+            "exposure": 2.0,
+            "density": 3.0,
+            "counts": False,
+        },
     },
 }
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from brute_force import commanded, law_by_hand, success_of
 from numpy.typing import NDArray
+from parametric_cases import START, assert_equals_differences, scene, steered
 from small_scenarios import BESIDE, abreast, colliding, pair, small
 
 import casswarm as csw
@@ -223,6 +224,20 @@ def test_guide_starts_at_the_central_member_that_counts_and_is_of_its_kind() -> 
     assert guide.risk_bound <= guide.risk
     assert scenario.for_guide.n == 3
     assert scenario.for_guide.arrival_margin == scenario.arrival_margin
+
+
+# --- gradients
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.2])
+def test_gradient_is_that_of_finite_differences(smoothing: float) -> None:
+    kinds = {
+        "swarm.kind": ["carrier", "companion", "slow"],
+        "swarm.kinds.companion": COMPANION | {"a_max": 0.3},
+        "swarm.kinds.slow": {"v_max": 1.25, "exposure": 0.5},
+    }
+    scenario = scene().with_values(kinds)
+    assert_equals_differences(scenario, steered(scenario), START, arrival_smoothing=smoothing)
 
 
 # --- bounds
