@@ -51,7 +51,7 @@ class MemberKind(Table):
         1.0, description="What such a member adds to the density of others, and to its own."
     )
     counts: Boolean = Field(
-        True, description="Whether its arrival in the target counts as a success, and it may lead."
+        True, description="Whether its arrival in the target counts for a success, and it may lead."
     )
 
     @property
