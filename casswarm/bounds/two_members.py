@@ -198,7 +198,13 @@ def first_program(
 
 def require_pair(scenario: Scenario) -> None:
     """Raise PlanningError unless a scenario has two members and rates with bounds for pairs."""
-    for key in ("success.arrivals", "time.substeps", "target.other", "swarm.speed", "swarm.kind"):
+    for key in (
+        "success.arrivals",
+        "time.substeps",
+        "target.other",
+        "swarm.speed",
+        "swarm.kind",
+    ):
         require_default(scenario, key, "the optimal value of two members")
     if scenario.n != 2:
         reason = (

@@ -79,7 +79,13 @@ def success_and_gradient(
         target are absorbed. Rounding to a lattice is differentiated as if it were none.
     """
     scenario, gradient = expansion.scenario, np.zeros_like(policy.parameters)
-    for key in ("success.arrivals", "time.substeps", "target.other", "swarm.speed"):
+    for key in (
+        "information.delay",
+        "success.arrivals",
+        "time.substeps",
+        "target.other",
+        "swarm.speed",
+    ):
         require_default(scenario, key, "the gradient of success in a policy's parameters")
     absorption = partial(_absorption, scenario, arrival_smoothing)
     layers, residual = expansion.layers(lambda move: absorption(move)[0])

@@ -164,7 +164,7 @@ class TrajectoryRecorder:
         if rows.size:
             with policy_call(policy.name, step):
                 leaders[rows] = policy.leaders(
-                    step, states.positions, states.previous_velocities, states.alive
+                    step, states.positions, states.previous_velocities, states.believed
                 )
         living = states.alive[..., None]
         positions[rows] = np.where(living, following, positions[rows])

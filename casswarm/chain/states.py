@@ -86,18 +86,39 @@ class Search(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """S states and their probabilities; the entries of the destroyed are zero."""
+    """S states and their probabilities; the entries of those that are known to be lost are zero.
 
-    positions: FloatArray  # (S, n, 2)
-    previous_velocities: FloatArray  # (S, n, 2)
-    alive: BoolArray  # (S, n)
-    weights: FloatArray  # (S,)
+    Parameters
+    ----------
+    positions, previous_velocities : (S, n, 2)
+        Also those of ghosts, members that are lost and not known to be.
+    alive : (S, n) bool
+    weights : (S,)
+    past : (S, d, n) bool, optional
+        Sets of the living after each of the last d steps, the oldest first, if losses are known d
+        steps late; None if they are known at once.
+    """
+
+    positions: FloatArray
+    previous_velocities: FloatArray
+    alive: BoolArray
+    weights: FloatArray
+    past: BoolArray | None = None
 
     @classmethod
     def initial(cls, scenario: Scenario, initial_velocities: FloatArray) -> States:
         """The initial state, with probability 1."""
         positions, velocities = np.array([scenario.positions, initial_velocities])[:, None]
-        return cls(positions, velocities, np.ones((1, scenario.n), bool), np.ones(1))
+        delay, n = scenario.delay, scenario.n
+        # what is never known is a set that does not change
+        sets = 1 if delay is None else delay
+        past = np.ones((1, sets, n), bool) if sets else None
+        return cls(positions, velocities, np.ones((1, n), bool), np.ones(1), past)
+
+    @property
+    def believed(self) -> BoolArray:
+        """Members (S, n) that are not known to be lost: the living, and ghosts."""
+        return self.alive if self.past is None else self.past[:, 0]
 
     @classmethod
     def concatenate(cls, batches: list[States]) -> States:
@@ -107,7 +128,8 @@ class States:
         return cls(*map(np.concatenate, zip(*(batch._arrays() for batch in batches), strict=True)))
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:
-        return self.positions, self.previous_velocities, self.alive, self.weights
+        arrays = self.positions, self.previous_velocities, self.alive, self.weights
+        return arrays if self.past is None else (*arrays, self.past)
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -122,7 +144,8 @@ class States:
 
     def aggregated(self) -> tuple[States, IntArray]:
         """Distinct states, in the order of their first occurrences, and the index of each (S,)."""
-        first, inverse = distinct_states(self.positions, self.previous_velocities, self.alive)
+        arrays = self._arrays()
+        first, inverse = distinct_states(*arrays[:3], *arrays[4:])
         if len(first) == len(self):
             return self, inverse
         weights = np.bincount(inverse, self.weights, len(first)).astype(np.float64)

@@ -3,6 +3,10 @@
 The paper's section II.C: observe positions and living members, decide, move; then member i survives
 with probability exp(-dt lambda_i(X(t+1), alive(t))).
 
+**News that is late.** With ``information.delay`` d, members know at step t who was alive at t - d.
+A policy gets those as the living. Who is lost and not known to be is a ghost: it moves as the
+policy would move it, and has neither a rate nor a density.
+
 **Lattice.** A policy decides only to the accuracy of its solver, so states that are equal in exact
 arithmetic differ in their last digits, and so do all of their successors. On a lattice a member's
 command is rounded so that the member moves to a lattice point: the nearest one or, where that
@@ -190,6 +194,8 @@ class Transition:
         Number of survivors among these that ends the run.
     counts : dict of name to (B,) int
         The counts of `COUNTS`.
+    past : (B, d, n) bool, optional
+        Sets of the living after the steps t + 1 - d to t, where losses are known d steps late.
     """
 
     velocities: FloatArray
@@ -198,6 +204,7 @@ class Transition:
     inside: BoolArray
     arrivals: int
     counts: dict[str, IntArray]
+    past: BoolArray | None = None
 
     def step(self, states: States, absorption: FloatArray | None = None) -> Step:
         """The step of states as kernels take it.
@@ -216,12 +223,14 @@ class Transition:
 
     def following(self, parents: IntArray, survived: BoolArray, weights: FloatArray) -> States:
         """States (K,) after the step: of which state, who survived it, and with which weight."""
-        living = survived[..., None]
+        past = None if self.past is None else self.past[parents]
+        believed = (survived if past is None else past[:, 0])[..., None]
         return States(
-            np.where(living, self.positions[parents], 0.0),
-            np.where(living, self.velocities[parents], 0.0),
+            np.where(believed, self.positions[parents], 0.0),
+            np.where(believed, self.velocities[parents], 0.0),
             survived,
             weights,
+            past,
         )
 
 
@@ -239,14 +248,14 @@ def transition(
     PolicyError, HazardError
         Velocities or rates of the wrong shape, or not finite.
     """
-    positions, previous_velocities, alive = map(
-        _read_only, (states.positions, states.previous_velocities, states.alive)
+    positions, previous_velocities, believed = map(
+        _read_only, (states.positions, states.previous_velocities, states.believed)
     )
-    decision = policy.decide(step, positions, previous_velocities, alive)
-    commanded = checked_velocities(policy.name, step, decision.velocities, alive)
+    decision = policy.decide(step, positions, previous_velocities, believed)
+    commanded = checked_velocities(policy.name, step, decision.velocities, believed)
     motion = Motion.from_scenario(scenario)
     sets = motion.sets(previous_velocities)
-    excess = np.where(alive, sets.violation(commanded) / motion.v_max, 0.0)
+    excess = np.where(believed, sets.violation(commanded) / motion.v_max, 0.0)
     exceeds = excess > SPEED_TOL
     velocities = commanded.copy()
     if exceeds.any():
@@ -257,14 +266,23 @@ def transition(
         velocities, following = lattice.moved(step, positions, velocities, sets)
     saturated = (excess > SATURATION_TOL).sum(axis=1)
     counts = decision.infeasible, decision.failures, decision.fallbacks, saturated
+    rates = _rates(scenario, step, positions, following, states.alive)
     return Transition(
         velocities=velocities,
         positions=following,
-        survival=np.exp(-scenario.time.dt * _rates(scenario, step, positions, following, alive)),
+        survival=np.exp(-scenario.time.dt * rates),
         inside=scenario.swarm.counted(scenario.target.contains(following)),
         arrivals=scenario.success.arrivals,
         counts=dict(zip(COUNTS, counts, strict=True)),
+        past=_following_past(scenario, states),
     )
+
+
+def _following_past(scenario: Scenario, states: States) -> BoolArray | None:
+    """Sets (B, d, n) that are remembered after the step; the oldest of them is known then."""
+    if states.past is None or scenario.delay is None:
+        return states.past
+    return np.concatenate([states.past[:, 1:], states.alive[:, None]], axis=1)
 
 
 def _rates(

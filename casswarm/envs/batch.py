@@ -101,7 +101,7 @@ class SwarmBatch:
                 value=discount,
             )
         self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-        for key in ("time.substeps", "target.other"):
+        for key in ("information.delay", "time.substeps", "target.other"):
             require_default(self.scenario, key, "casswarm.envs")
         self.size, self.discount = int(size), discount
         if guide is None and observe_guide:

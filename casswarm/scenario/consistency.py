@@ -16,13 +16,12 @@ from .._util.text import counted
 from .._util.user_code import USER_ERRORS
 from . import members
 from .hazard_table import HazardTable
-from .sections import Disc, GuideOptions, Swarm, Target, Time
+from .sections import MOST_STEPS, Disc, GuideOptions, Swarm, Target, Time
 from .validation import as_text
 
 if TYPE_CHECKING:
     from .model import Scenario
 
-_MAX_STEPS = 100_000
 _MAX_DECADE = 150  # the square of a rate must not overflow
 _ROUNDING = 1e-9
 
@@ -123,13 +122,13 @@ def _reach_problems(swarm: Swarm, target: Target, time: Time) -> Iterator[str]:
     if time.steps < 1:
         yield f"{horizon}, less than one step; raise t_f to {time.dt:g} or more, or lower dt"
         return
-    if time.steps > _MAX_STEPS:
-        yield f"{horizon}, {time.steps:g} steps; at most {_MAX_STEPS} are allowed, raise dt"
+    if time.steps > MOST_STEPS:
+        yield f"{horizon}, {time.steps:g} steps; at most {MOST_STEPS} are allowed, raise dt"
         return
-    if time.steps * time.substeps > _MAX_STEPS:
+    if time.steps * time.substeps > MOST_STEPS:
         yield (
             f"time.substeps is {time.substeps} in each of {counted(time.steps, 'step')}; at most "
-            f"{_MAX_STEPS} parts are allowed in all, lower it"
+            f"{MOST_STEPS} parts are allowed in all, lower it"
         )
     start, step = np.array(swarm.positions[swarm.central_member]), time.dt * _speed(swarm)
     nearest = min(target.discs, key=partial(_distance, swarm, start))

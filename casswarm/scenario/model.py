@@ -19,7 +19,17 @@ from ..typing import FloatArray
 from .consistency import contradictions, core_radius, in_reach
 from .hazard_table import HazardTable
 from .members import most_favourable, with_accelerations, with_equal_members
-from .sections import Changes, Disc, FormationOptions, GuideOptions, Success, Swarm, Target, Time
+from .sections import (
+    Changes,
+    Disc,
+    FormationOptions,
+    GuideOptions,
+    Information,
+    Success,
+    Swarm,
+    Target,
+    Time,
+)
 from .toml_text import annotated, toml_text
 from .validation import (
     KINDS_PREFIX,
@@ -62,6 +72,9 @@ class Scenario(Displayed, Table):
     target: Target = Field(description="Target zone.")
     time: Time = Field(description="Clock.")
     success: Success = Field(default_factory=Success, description="When a run is a success.")
+    information: Information = Field(
+        default_factory=Information, description="What members know, and when."
+    )
     hazard_table: HazardTable = Field(alias="hazard", description="Destruction rates of members.")
     guide: GuideOptions = Field(
         default_factory=GuideOptions, description="Options of the guide problem."
@@ -128,6 +141,12 @@ class Scenario(Displayed, Table):
     def n_steps(self) -> int:
         """Number of whole steps until t_f, floor(t_f / dt)."""
         return self.time.steps
+
+    @property
+    def delay(self) -> int | None:
+        """Number of steps after which losses are known; None if they are never known in a run."""
+        delay = self.information.delay
+        return None if delay == "never" or delay >= self.n_steps else delay
 
     @cached_property
     def positions(self) -> FloatArray:
@@ -209,7 +228,7 @@ class Scenario(Displayed, Table):
 
         Parameters
         ----------
-        swarm, target, time, success, hazard, guide, formation : mapping
+        swarm, target, time, success, information, hazard, guide, formation : mapping
             New values by key; the other keys of the table keep theirs. None omits a key.
 
         Raises

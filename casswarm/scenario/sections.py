@@ -15,6 +15,9 @@ from ..typing import LeaderSelection
 from .members import MemberKind, of_members
 from .validation import Allowed, Boolean, Count, NotNegative, Number, Point, Positive, Table
 
+MOST_STEPS = 100_000
+"""Largest number of steps until t_f, and of parts of these."""
+
 _MOST_TARGETS = 100
 _MOST_KINDS = 100
 _STEP_TOLERANCE = 2.0**-50  # relative: t_f = 1.0 holds ten steps of dt = 0.1 despite rounding
@@ -181,6 +184,19 @@ class Success(Table):
     )
 
 
+class Information(Table):
+    """What members know, and when."""
+
+    delay: Annotated[
+        Annotated[int, Field(strict=True, ge=0, le=MOST_STEPS)] | Literal["never"],
+        Allowed(f"a whole number of steps from 0 to {MOST_STEPS:g}, or 'never'"),
+    ] = Field(
+        0,
+        description="Number of steps after which losses are known, or 'never'. A member that is "
+        "lost and not known to be is a ghost: the others decide as if it were alive.",
+    )
+
+
 class Time(Table):
     """Clock with steps of dt until t_f."""
 
@@ -288,6 +304,7 @@ class Changes(TypedDict, total=False):
     target: Mapping[str, object]
     time: Mapping[str, object]
     success: Mapping[str, object]
+    information: Mapping[str, object]
     hazard: Mapping[str, object]
     guide: Mapping[str, object]
     formation: Mapping[str, object]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -73,12 +73,17 @@ def whole_numbers(key: str, values: Sequence[Any]) -> list[Any]:
         A fraction for such a parameter.
     """
     field = field_of(key, Scenario)
-    if key != "n" and (field is None or field.annotation is not int):
+    if key != "n" and (field is None or not _takes_integers(field.annotation)):
         return list(values)
     for value in values:
         if isinstance(value, float) and not value.is_integer():
             raise ScenarioError(f"{key} takes whole numbers, not {value:g}", key=key, value=value)
     return [int(value) if isinstance(value, float) else value for value in values]
+
+
+def _takes_integers(annotation: Any) -> bool:
+    """True for int, alone or among other types."""
+    return annotation is int or any(map(_takes_integers, get_args(annotation)))
 
 
 def _with_members(scenario: Scenario, n: Any) -> FloatArray:

@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import ArrayLike
 from typing_extensions import Unpack
@@ -33,6 +33,7 @@ from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
 from ..policies import make_policy
 from ..policies.parametric import ParametricPolicy
+from ..policies.planned_paths import ReplanningPolicy
 from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
@@ -493,6 +494,7 @@ def optimal_value(
     *,
     time_limit: float = TIME_LIMIT,
     guide: Guide | None = None,
+    delay: int | Literal["never"] | None = None,
 ) -> OptimalValue:
     """Bracket the success probability of the best policy of two members, feedback included.
 
@@ -506,6 +508,10 @@ def optimal_value(
         Seconds for the upper ends. How far they are refined depends on the machine.
     guide : Guide, optional
         Provides V(-1) if the scenario leaves that to the guide; planned by default.
+    delay : int or "never", optional
+        Number of steps after which losses are known, by default the scenario's. The lower ends are
+        those of policies that get news so late; the upper ends are of policies that know losses at
+        once, which can ignore what they know too early.
 
     Returns
     -------
@@ -528,6 +534,8 @@ def optimal_value(
     True
     """
     require_scenario("optimal_value", scenario)
+    if delay is not None:
+        scenario = scenario.replace(information={"delay": delay})
     require_pair(scenario)
     for name, value in (("tolerance", tolerance), ("time_limit", time_limit)):
         if not value >= 0:
@@ -564,6 +572,14 @@ def optimal_value(
 
 
 def _success(scenario: Scenario, guide: Guide) -> float:
-    """Lower bound of the exact success probability of the policy optimal."""
+    """Lower bound of the exact success probability of the policy optimal.
+
+    Where news are late, of its first plan if that is better: a survivor that replans from where it
+    was when the other was lost may do worse.
+    """
     policy = make_policy("optimal", scenario, guide)
-    return float(evaluate(scenario, policy, tolerance=0.0, guide=guide).success.low)
+    low = float(evaluate(scenario, policy, tolerance=0.0, guide=guide).success.low)
+    if scenario.delay != 0 and isinstance(policy, ReplanningPolicy):
+        blind = evaluate(scenario, policy.open_loop, tolerance=0.0, guide=guide).success
+        low = max(low, float(blind.low))
+    return low

@@ -26,6 +26,7 @@ VALUES = {
     "time.substeps": {"time.substeps": 2},
     "target.other": {"target.other": [{"center": [0.2, 1.9], "radius": 0.4}]},
     "swarm.speed": {"swarm.speed": "disc"},
+    "information.delay": {"information.delay": 2},
     "swarm.kind": {
         "swarm.kind": ["carrier", "companion"],
         "swarm.kinds.companion": {
