@@ -73,7 +73,7 @@ class Scenario(Displayed, Table):
     time: Time = Field(description="Clock.")
     success: Success = Field(default_factory=Success, description="When a run is a success.")
     information: Information = Field(
-        default_factory=Information, description="What members know, and when."
+        default_factory=Information, description="When members learn of losses."
     )
     hazard_table: HazardTable = Field(alias="hazard", description="Destruction rates of members.")
     guide: GuideOptions = Field(
