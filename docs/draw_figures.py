@@ -52,6 +52,10 @@ COMMANDS = {
         *("--policy", "leader", "--policy", "constrained", "--policy", "joint"),
     ],
     "companions": ["plan-swarm", "companions"],
+    "delay": [
+        *("sweep", "gauntlet", "--set", 'information.delay=0,1,2,3,5,10,"never"', "--runs", "2000"),
+        *("--policy", "leader", "--policy", "constrained", "--policy", "joint"),
+    ],
     "substeps": [
         *("sweep", "alley", "--set", "time.substeps=1,2,4,8"),
         *("--policy", "leader", "--policy", "constrained"),
@@ -82,6 +86,7 @@ FIGURES = {
     "plan-disc": ("guide",),
     "arrivals": ("over-success-arrivals",),
     "companions": ("joint",),
+    "delay": ("over-information-delay",),
     "substeps": ("over-time-substeps",),
     "compare": ("overview", "convergence-formations-cold"),
 }
