@@ -49,7 +49,7 @@ class Rates:
             *(radars, strengths, alpha, beta, float(core)),
             *(tuple(table.radar), scenario.time.dt, tuple(table.zone)),
             scenario.time.substeps,
-            scenario.swarm.of_members,
+            scenario.swarm.member_kinds,
         )
 
     def after(self, step: float) -> Rates:

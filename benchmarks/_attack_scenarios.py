@@ -85,7 +85,7 @@ def as_led(scenario: csw.Scenario) -> csw.Scenario:
     swarm, table = scenario.swarm, scenario.hazard_table
     if swarm.kind is None:
         return scenario
-    kind = swarm.of_members[swarm.central_member]
+    kind = swarm.member_kinds[swarm.central_member]
     values: Data = {
         "swarm.kind": None, "swarm.kinds": None, "swarm.v_max": kind.v_max,
         "swarm.a_max": kind.a_max, "guide.margin": scenario.arrival_margin,
@@ -104,7 +104,7 @@ def limits_of(scenario: csw.Scenario) -> tuple[Any, Any]:
     swarm = scenario.swarm
     if swarm.kind is None:
         return swarm.v_max, swarm.a_max
-    kinds = swarm.of_members
+    kinds = swarm.member_kinds
     return np.array([[kind.v_max] for kind in kinds]), np.array([[kind.a_max] for kind in kinds])
 
 

@@ -94,31 +94,28 @@ class States:
         Also those of ghosts, members that are lost and not known to be.
     alive : (S, n) bool
     weights : (S,)
-    past : (S, d, n) bool, optional
-        Sets of the living after each of the last d steps, the oldest first, if losses are known d
-        steps late; None if they are known at once.
+    late : (S, n) int, optional
+        Number of steps until a loss is known; 0 for the living, and for losses that are known. None
+        if all losses are known at once.
     """
 
     positions: FloatArray
     previous_velocities: FloatArray
     alive: BoolArray
     weights: FloatArray
-    past: BoolArray | None = None
+    late: IntArray | None = None
 
     @classmethod
     def initial(cls, scenario: Scenario, initial_velocities: FloatArray) -> States:
         """The initial state, with probability 1."""
         positions, velocities = np.array([scenario.positions, initial_velocities])[:, None]
-        delay, n = scenario.delay, scenario.n
-        # what is never known is a set that does not change
-        sets = 1 if delay is None else delay
-        past = np.ones((1, sets, n), bool) if sets else None
-        return cls(positions, velocities, np.ones((1, n), bool), np.ones(1), past)
+        late = None if scenario.delay == 0 else np.zeros((1, scenario.n), np.int64)
+        return cls(positions, velocities, np.ones((1, scenario.n), bool), np.ones(1), late)
 
     @property
     def believed(self) -> BoolArray:
         """Members (S, n) that are not known to be lost: the living, and ghosts."""
-        return self.alive if self.past is None else self.past[:, 0]
+        return self.alive if self.late is None else self.alive | (self.late > 0)
 
     @classmethod
     def concatenate(cls, batches: list[States]) -> States:
@@ -129,7 +126,7 @@ class States:
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:
         arrays = self.positions, self.previous_velocities, self.alive, self.weights
-        return arrays if self.past is None else (*arrays, self.past)
+        return arrays if self.late is None else (*arrays, self.late)
 
     def __len__(self) -> int:
         return len(self.weights)

@@ -194,8 +194,8 @@ class Transition:
         Number of survivors among these that ends the run.
     counts : dict of name to (B,) int
         The counts of `COUNTS`.
-    past : (B, d, n) bool, optional
-        Sets of the living after the steps t + 1 - d to t, where losses are known d steps late.
+    late : (B, n) int, optional
+        Number of steps after t + 1 until the loss of a member that does not survive is known.
     """
 
     velocities: FloatArray
@@ -204,7 +204,7 @@ class Transition:
     inside: BoolArray
     arrivals: int
     counts: dict[str, IntArray]
-    past: BoolArray | None = None
+    late: IntArray | None = None
 
     def step(self, states: States, absorption: FloatArray | None = None) -> Step:
         """The step of states as kernels take it.
@@ -223,14 +223,14 @@ class Transition:
 
     def following(self, parents: IntArray, survived: BoolArray, weights: FloatArray) -> States:
         """States (K,) after the step: of which state, who survived it, and with which weight."""
-        past = None if self.past is None else self.past[parents]
-        believed = (survived if past is None else past[:, 0])[..., None]
+        late = None if self.late is None else np.where(survived, 0, self.late[parents])
+        believed = (survived if late is None else survived | (late > 0))[..., None]
         return States(
             np.where(believed, self.positions[parents], 0.0),
             np.where(believed, self.velocities[parents], 0.0),
             survived,
             weights,
-            past,
+            late,
         )
 
 
@@ -274,15 +274,17 @@ def transition(
         inside=scenario.swarm.counted(scenario.target.contains(following)),
         arrivals=scenario.success.arrivals,
         counts=dict(zip(COUNTS, counts, strict=True)),
-        past=_following_past(scenario, states),
+        late=_lateness(scenario, states),
     )
 
 
-def _following_past(scenario: Scenario, states: States) -> BoolArray | None:
-    """Sets (B, d, n) that are remembered after the step; the oldest of them is known then."""
-    if states.past is None or scenario.delay is None:
-        return states.past
-    return np.concatenate([states.past[:, 1:], states.alive[:, None]], axis=1)
+def _lateness(scenario: Scenario, states: States) -> IntArray | None:
+    """Number of steps (B, n) after this one until a loss is known: in it, or before it."""
+    if states.late is None:
+        return None
+    if scenario.delay is None:  # never: what is lost stays believed
+        return np.where(states.alive, 1, states.late)
+    return np.where(states.alive, scenario.delay, np.maximum(states.late - 1, 0))
 
 
 def _rates(

@@ -207,7 +207,7 @@ def _members(scenario: Scenario, matrix: FloatArray) -> FloatArray:
     offsets = _offsets(scenario, scenario.positions) @ matrix.T
     if scenario.swarm.kind is None:
         return offsets
-    kinds = [list(kind.model_dump().values()) for kind in scenario.swarm.of_members]
+    kinds = [list(kind.model_dump().values()) for kind in scenario.swarm.member_kinds]
     return np.column_stack([offsets, np.array(kinds, float)])
 
 

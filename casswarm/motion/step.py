@@ -47,7 +47,7 @@ class Motion:
         """Limits of the members of a scenario."""
         swarm, dt = scenario.swarm, scenario.time.dt
         limits = [
-            (kind.v_max or swarm.v_max, kind.a_max or swarm.a_max) for kind in swarm.of_members
+            (kind.v_max or swarm.v_max, kind.a_max or swarm.a_max) for kind in swarm.member_kinds
         ]
         v_max, a_max = map(max, zip(*limits, strict=True))
         members = () if len(set(limits)) == 1 else tuple(limits)

@@ -212,7 +212,7 @@ def member_guides(
     near = guide if guide.search == "global" else None
     guides: dict[tuple[object, ...], Guide] = {}
     velocities = initial_velocities(scenario, guide)
-    starts = [*zip(scenario.swarm.of_members, *scenario.positions.T.tolist(), strict=True)]
+    starts = [*zip(scenario.swarm.member_kinds, *scenario.positions.T.tolist(), strict=True)]
     for member, start in enumerate(starts):
         if start not in guides:
             guides[start] = plan_from(

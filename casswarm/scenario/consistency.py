@@ -106,7 +106,7 @@ def _start_problems(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterat
         return
     disc = swarm.speed == "disc"
     speed = math.hypot(*swarm.velocity) if disc else max(map(abs, swarm.velocity))
-    v_max = min(kind.v_max or math.inf for kind in swarm.of_members)
+    v_max = min(kind.v_max or math.inf for kind in swarm.member_kinds)
     if speed > v_max:
         what = "its length" if disc else "each component"
         whose = "swarm.v_max" if v_max == swarm.v_max else "v_max of a kind"
@@ -153,7 +153,7 @@ def in_reach(swarm: Swarm, time: Time, target: Disc) -> bool:
 
 def _speed(swarm: Swarm) -> float:
     """Largest speed of the guide, that of the member with which it starts."""
-    return swarm.of_members[swarm.central_member].v_max or swarm.v_max
+    return swarm.member_kinds[swarm.central_member].v_max or swarm.v_max
 
 
 def _distance(swarm: Swarm, start: NDArray[np.float64], target: Disc) -> float:

@@ -60,7 +60,7 @@ class MemberKind(Table):
         return self.exposure, self.density
 
 
-def of_members(swarm: Swarm) -> tuple[MemberKind, ...]:
+def member_kinds(swarm: Swarm) -> tuple[MemberKind, ...]:
     """The kind of every member, with the limits of motion of the swarm where it has none."""
     limits = {"v_max": swarm.v_max, "a_max": swarm.a_max}
     plain = MemberKind(**limits)

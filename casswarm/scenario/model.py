@@ -181,7 +181,7 @@ class Scenario(Displayed, Table):
         if self.swarm.kind is None:
             return self
         rows = np.flatnonzero(self.swarm.counting)
-        return with_equal_members(self, self.swarm.of_members[member], rows.tolist())
+        return with_equal_members(self, self.swarm.member_kinds[member], rows.tolist())
 
     @cached_property
     def most_favourable(self) -> Scenario:
@@ -193,14 +193,14 @@ class Scenario(Displayed, Table):
         """
         if self.swarm.kind is None:
             return self
-        return with_equal_members(self, most_favourable(self.swarm.of_members), range(self.n))
+        return with_equal_members(self, most_favourable(self.swarm.member_kinds), range(self.n))
 
     @property
     def guide_a_max(self) -> float:
         """Bound on the guide's ||V(t) - V(t-1)||^2; infinite without acceleration limits."""
         if not self.guide.acceleration_limited:
             return math.inf
-        own = self.swarm.of_members[self.swarm.central_member].a_max or self.swarm.a_max
+        own = self.swarm.member_kinds[self.swarm.central_member].a_max or self.swarm.a_max
         return own if self.guide.a_max is None else self.guide.a_max
 
     @property
@@ -217,7 +217,7 @@ class Scenario(Displayed, Table):
         """Destruction rates of the members."""
         apart = core_radius(self.target, self.hazard_table)
         hazard = self.hazard_table.build(apart, self._context.get("folder"), self.time.dt)
-        factors = [kind.factors for kind in self.swarm.of_members]
+        factors = [kind.factors for kind in self.swarm.member_kinds]
         if all(each == (1.0, 1.0) for each in factors):
             return hazard
         exposures, densities = zip(*factors, strict=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ..typing import LeaderSelection
-from .members import MemberKind, of_members
+from .members import MemberKind, member_kinds
 from .validation import Allowed, Boolean, Count, NotNegative, Number, Point, Positive, Table
 
 MOST_STEPS = 100_000
@@ -85,9 +85,9 @@ class Swarm(Table):
         return hash(tuple((values | {"kinds": tuple(self.kinds.items())}).values()))
 
     @cached_property
-    def of_members(self) -> tuple[MemberKind, ...]:
+    def member_kinds(self) -> tuple[MemberKind, ...]:
         """The kind of every member, with the limits of motion of the swarm where it has none."""
-        return of_members(self)
+        return member_kinds(self)
 
     def of_rows(self, rows: Sequence[int]) -> Swarm:
         """The swarm with some of its members, in a given order; not validated."""
@@ -101,7 +101,7 @@ class Swarm(Table):
     @property
     def counting(self) -> NDArray[np.bool_]:
         """Whether the arrival of each member counts, (n,)."""
-        return np.array([kind.counts for kind in self.of_members])
+        return np.array([kind.counts for kind in self.member_kinds])
 
     def counted(self, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Flags (..., n) of members that count; those of others are False.

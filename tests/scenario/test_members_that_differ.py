@@ -167,7 +167,7 @@ def test_companions_protect() -> None:
 
 def test_every_member_obeys_its_own_limits() -> None:
     scenario = three()
-    limits = [(kind.v_max, kind.a_max) for kind in scenario.swarm.of_members]
+    limits = [(kind.v_max, kind.a_max) for kind in scenario.swarm.member_kinds]
     runs = csw.simulate(scenario, ["leader", "naive"], 9, seed=1, save_trajectories=9)
     for trajectory in (one for saved in runs.trajectories.values() for one in saved):
         velocities = np.diff(trajectory.positions, axis=0) / scenario.time.dt
@@ -185,7 +185,7 @@ def test_slow_members_begin_no_faster_than_they_can() -> None:
     scenario = three()
     guide = csw.plan(scenario, certify=False)
     velocities = initial_velocities(scenario, guide)
-    bounds = [kind.v_max for kind in scenario.swarm.of_members]
+    bounds = [kind.v_max for kind in scenario.swarm.member_kinds]
     assert (np.abs(velocities).max(axis=1) <= np.array(bounds, float)).all()
     np.testing.assert_array_equal(velocities[0], guide.velocities[0])
 
