@@ -59,9 +59,9 @@ def rows_of(name: str, scenario: csw.Scenario) -> list[dict[str, Any]]:
     assert plan.bound is not None
     rows = []
     for policy in POLICIES:
-        made = csw.make_policy(policy, scenario, guide)
         for delay in DELAYS:
             late = scenario.replace(information={"delay": delay})
+            made = csw.make_policy(policy, late, guide)
             if policy == "joint":
                 low, high = plan.success
                 found = {"success_low": low, "success_high": high, "exact": True}

@@ -144,7 +144,15 @@ def _values(text: str) -> tuple[str, list[Any]]:
     try:
         return key, list(tomllib.loads(f"values = [{values}]")["values"])
     except (ValueError, RecursionError):
-        return key, [word.strip() for word in values.split(",")]  # bare words, such as global
+        return key, [_value(word.strip()) for word in values.split(",")]
+
+
+def _value(word: str) -> Any:
+    """A value in a list that has bare words, such as global."""
+    try:
+        return tomllib.loads(f"value = {word}")["value"]
+    except ValueError:
+        return word
 
 
 def _is_number(text: str) -> bool:

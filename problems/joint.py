@@ -253,6 +253,8 @@ class JointTask:
         Number of living members in the target that ends a run.
     counting : (n,) bool, optional
         Members whose arrival counts; all by default.
+    known : int
+        Number of first steps whose velocities are those of the guess.
     """
 
     start: FloatArray
@@ -265,6 +267,7 @@ class JointTask:
     min_distance: float = 0.0
     needed: int = 1
     counting: BoolArray | None = None
+    known: int = 0
 
     @classmethod
     def from_scenario(
@@ -317,21 +320,25 @@ def _instance(
     arriving = np.arange(1, steps + 1)[:, None] == arrivals  # (N, n)
     last = int(arrivals.max()) if arrivals.all() else task.steps
     moving = np.arange(steps)[:, None] < last  # (N, 1)
+    free = moving & (np.arange(steps)[:, None] >= task.known)
     guess = np.zeros((steps, n, 2))
     guessed = min(len(velocities), last)
     guess[:guessed] = np.clip(velocities[:guessed] / unit, -speeds, speeds)
-    fastest = np.broadcast_to(speeds, (n, 2)).ravel()
+    fastest = np.where(free, np.broadcast_to(speeds, (n, 2)).ravel(), 0.0)
+    given = np.where(free, 0.0, guess.reshape(steps, 2 * n))
     origin = task.start.mean(axis=0)
     terminal: dict[str, ArrayLike] = {}
     if form.exact:
         counting = arriving if task.counting is None else arriving & task.counting
         costs, ended, last_cost = terminal_costs(form.objective, n, counting, task.needed)
         terminal = {"continues": ~ended, "costs": costs, "last_cost": last_cost[None]}
-    change = np.where(moving, changes, np.inf)
+    change = np.where(free, changes, np.inf)
+    early = (arrivals > 0) & (arrivals <= task.known)
+    reach = np.where(early, np.inf, task.radius - task.margin)[:, None]
     lower: dict[str, ArrayLike] = {"acceleration": -np.inf, "arrival": -np.inf}
     upper: dict[str, ArrayLike] = {
         "acceleration": tightened(change),
-        "arrival": tightened(((task.radius - task.margin) / length) ** 2),
+        "arrival": tightened((reach / length) ** 2),
     }
     if form.outside:
         under_way = arriving[::-1].cumsum(axis=0)[::-1] > arriving
@@ -339,7 +346,7 @@ def _instance(
         lower["outside"], upper["outside"] = np.where(under_way, outside, -np.inf), np.inf
     if "separation" in nlp.constraints:
         least = (task.min_distance / length) ** 2
-        lower["separation"], upper["separation"] = np.where(moving, least, -np.inf), np.inf
+        lower["separation"], upper["separation"] = np.where(free, least, -np.inf), np.inf
     return Instances(
         x0=nlp.pack_variables(velocities=guess.reshape(steps, 2 * n)),
         p=nlp.pack_parameters(
@@ -352,8 +359,8 @@ def _instance(
             length=length,
             clock=motion.dt,
         ),
-        lbx=nlp.pack_variables(velocities=np.where(moving, -fastest, 0.0)),
-        ubx=nlp.pack_variables(velocities=np.where(moving, fastest, 0.0)),
+        lbx=nlp.pack_variables(velocities=given - fastest),
+        ubx=nlp.pack_variables(velocities=given + fastest),
         lbg=nlp.pack_constraints(**lower),
         ubg=nlp.pack_constraints(**upper),
     )

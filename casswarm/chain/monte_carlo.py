@@ -122,20 +122,38 @@ class RunTrajectory:
     Parameters
     ----------
     positions : (T+1, n, 2)
-        Positions X(0..T); the destroyed stay where they were destroyed.
+        Positions X(0..T); the destroyed stay where they were destroyed, and ghosts when their loss
+        became known.
     alive : (T+1, n) bool
     leaders : (T,) int
         Index of the leader from step t to t + 1, -1 where the policy has no leader.
+    believed : (T+1, n) bool, optional
+        Members that are not known to be lost; those alive if losses are known at once.
     """
 
     positions: FloatArray
     alive: BoolArray
     leaders: IntArray
+    believed: BoolArray | None = None
+
+    @property
+    def ghosts(self) -> BoolArray:
+        """Members (T+1, n) that are lost and not known to be."""
+        return (self.alive if self.believed is None else self.believed) & ~self.alive
 
     def last_steps(self) -> IntArray:
         """Step (n,) at which every member was destroyed, or the last step."""
-        steps = len(self.alive) - 1
-        return np.where(self.alive[-1], steps, np.argmin(self.alive, axis=0))
+        return _last_steps(self.alive)
+
+    def ghost_paths(self) -> list[FloatArray]:
+        """Positions (T_i, 2) of every member from its loss until that is known."""
+        ends = zip(self.last_steps(), _last_steps(self.alive | self.ghosts), strict=True)
+        return [self.positions[start : end + 1, i] for i, (start, end) in enumerate(ends)]
+
+
+def _last_steps(mask: BoolArray) -> IntArray:
+    """Step (n,) at which a mask (T+1, n) that only falls becomes False, or the last one."""
+    return np.where(mask[-1], len(mask) - 1, np.argmin(mask, axis=0))
 
 
 class TrajectoryRecorder:
@@ -144,6 +162,7 @@ class TrajectoryRecorder:
     def __init__(self, states: States) -> None:
         self.runs = len(states)
         self.positions, self.alive = [states.positions], [states.alive]
+        self.believed = None if states.late is None else [states.believed]
         self.leaders: list[IntArray] = []
 
     def record(
@@ -153,11 +172,12 @@ class TrajectoryRecorder:
         rows: IntArray,
         states: States,
         following: FloatArray,
-        alive: BoolArray,
+        after: tuple[BoolArray, BoolArray],
     ) -> None:
         """Append a step: of the runs `rows`, their states before it, and what follows.
 
-        The destroyed stay where they are, and so do all members of other runs.
+        `after` are the members then alive, and those not known to be lost. Others stay where they
+        are, and so do all members of other runs.
         """
         positions, survivors = self.positions[-1].copy(), self.alive[-1].copy()
         leaders = np.full(self.runs, -1)
@@ -166,9 +186,11 @@ class TrajectoryRecorder:
                 leaders[rows] = policy.leaders(
                     step, states.positions, states.previous_velocities, states.believed
                 )
-        living = states.alive[..., None]
-        positions[rows] = np.where(living, following, positions[rows])
-        survivors[rows] = alive
+        positions[rows] = np.where(states.believed[..., None], following, positions[rows])
+        survivors[rows] = after[0]
+        if self.believed is not None:
+            self.believed.append(self.believed[-1].copy())
+            self.believed[-1][rows] = after[1]
         self.positions.append(positions)
         self.alive.append(survivors)
         self.leaders.append(leaders)
@@ -177,8 +199,14 @@ class TrajectoryRecorder:
         """Trajectories up to the steps (R,) at which runs ended."""
         positions, alive = np.stack(self.positions, axis=1), np.stack(self.alive, axis=1)
         leaders = np.array(self.leaders, np.int64).reshape(len(self.leaders), self.runs).T
+        believed = None if self.believed is None else np.stack(self.believed, axis=1)
         return tuple(
-            RunTrajectory(positions[k, : end + 1], alive[k, : end + 1], leaders[k, :end])
+            RunTrajectory(
+                positions[k, : end + 1],
+                alive[k, : end + 1],
+                leaders[k, :end],
+                None if believed is None else believed[k, : end + 1],
+            )
             for k, end in enumerate(steps[: self.runs])
         )
 
@@ -212,6 +240,8 @@ class Runs:
         arrays |= {name: getattr(self, name) for name in (*_RUN_ARRAYS, "distance")} | self.counts
         for k, trajectory in enumerate(self.trajectories):
             arrays |= {f"{name}-{k}": getattr(trajectory, name) for name in _TRAJECTORY_ARRAYS}
+            if trajectory.believed is not None:
+                arrays[f"believed-{k}"] = trajectory.believed
         return arrays
 
     @classmethod
@@ -234,7 +264,10 @@ class Runs:
             states=int(arrays["states"]),
             seconds=float(arrays["seconds"]),
             trajectories=tuple(
-                RunTrajectory(*(arrays[f"{name}-{k}"] for name in _TRAJECTORY_ARRAYS))
+                RunTrajectory(
+                    *(arrays[f"{name}-{k}"] for name in _TRAJECTORY_ARRAYS),
+                    arrays.get(f"believed-{k}"),
+                )
                 for k in range(number)
             ),
             **{name: arrays[name] for name in _RUN_ARRAYS},
@@ -402,7 +435,8 @@ class _RunBatch:
         arrived = (alive & move.inside[parent]).sum(axis=1) >= move.arrivals
         saved = active[active < self.recorder.runs]
         own, survivors = rows[: len(saved)], alive[child[: len(saved)]]
-        self.recorder.record(policy, step, saved, self.table[own], move.positions[own], survivors)
+        after = survivors, move.believed(own, survivors)
+        self.recorder.record(policy, step, saved, self.table[own], move.positions[own], after)
         self.steps[active] = step + 1
         self.survivors[active] = alive.sum(axis=1)[child]
         self.arrival[active[arrived[child]]] = step + 1

@@ -221,10 +221,14 @@ class Transition:
         rows = contiguous(states.weights), contiguous(self.survival), contiguous(absorption)
         return Step(*rows, contiguous(states.alive), self.arrivals)
 
+    def believed(self, parents: IntArray, survived: BoolArray) -> BoolArray:
+        """Members (K, n) that are not known to be lost after the step."""
+        return survived if self.late is None else survived | (self.late[parents] > 0)
+
     def following(self, parents: IntArray, survived: BoolArray, weights: FloatArray) -> States:
         """States (K,) after the step: of which state, who survived it, and with which weight."""
         late = None if self.late is None else np.where(survived, 0, self.late[parents])
-        believed = (survived if late is None else survived | (late > 0))[..., None]
+        believed = self.believed(parents, survived)[..., None]
         return States(
             np.where(believed, self.positions[parents], 0.0),
             np.where(believed, self.velocities[parents], 0.0),

@@ -101,7 +101,7 @@ class SwarmBatch:
                 value=discount,
             )
         self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-        for key in ("information.delay", "time.substeps", "target.other"):
+        for key in ("time.substeps", "target.other"):
             require_default(self.scenario, key, "casswarm.envs")
         self.size, self.discount = int(size), discount
         if guide is None and observe_guide:
@@ -117,6 +117,7 @@ class SwarmBatch:
             positions=np.zeros(shape),
             velocities=np.zeros(shape),
             alive=np.zeros(shape[:2], bool),
+            late=np.zeros(shape[:2], np.int64),
             steps=np.zeros(self.size, np.int64),
             seeds=np.zeros(self.size, np.uint64),
             runs=np.zeros(self.size, np.uint64),
@@ -152,6 +153,7 @@ class SwarmBatch:
             self.scenario.success.arrivals,
             self.scenario.swarm.counting,
             self.scenario.n_steps,
+            -1 if self.scenario.delay is None else self.scenario.delay,
         )
 
     def seed(self, seed: int, rows: BoolArray) -> None:
@@ -166,15 +168,20 @@ class SwarmBatch:
         swarms.runs[which] += np.uint64(self.size)
         swarms.positions[which] = self.scenario.positions
         swarms.velocities[which] = self._initial_velocities
-        swarms.alive[which], swarms.steps[which] = True, 0
+        swarms.alive[which], swarms.late[which], swarms.steps[which] = True, 0, 0
         self.ends.success[which], self.ends.ended[which] = False, False
         self.ends.survivors[which], self.moves.saturated[which] = self.scenario.n, 0
         self._write_potentials()
 
+    @property
+    def believed(self) -> BoolArray:
+        """Members (B, n) that are not known to be lost: the living, and ghosts."""
+        return self.swarms.alive | (self.swarms.late > 0)
+
     def observe(self) -> NDArray[Any]:
         """Observations (B, n, d), a new array."""
         swarms = self.swarms
-        return self.observation(swarms.steps, swarms.positions, swarms.velocities, swarms.alive)
+        return self.observation(swarms.steps, swarms.positions, swarms.velocities, self.believed)
 
     def step(self, actions: ArrayLike, active: BoolArray) -> FloatArray:
         """Advance the active swarms (B,) by velocities (B, n, 2); return the rewards (B,).

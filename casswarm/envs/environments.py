@@ -30,20 +30,25 @@ RENDERING: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 5}
 
 
 def frame(
-    scenario: Scenario, step: int, positions: FloatArray, alive: BoolArray
+    scenario: Scenario, step: int, positions: FloatArray, alive: BoolArray, believed: BoolArray
 ) -> NDArray[np.uint8]:
-    """Picture (height, width, 3) of the living members at a step, on the map of the hazard."""
-    canvas = FigureCanvasAgg(_figure(scenario, step, positions, alive))
+    """Picture (height, width, 3) of living members and ghosts at a step, on the hazard's map."""
+    canvas = FigureCanvasAgg(_figure(scenario, step, positions, alive, believed))
     canvas.draw()  # type: ignore[no-untyped-call]
     pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
     return pixels[..., :3].copy()
 
 
 @themed
-def _figure(scenario: Scenario, step: int, positions: FloatArray, alive: BoolArray) -> Figure:
+def _figure(
+    scenario: Scenario, step: int, positions: FloatArray, alive: BoolArray, believed: BoolArray
+) -> Figure:
     fig, axes = base_map(scenario, [scenario.positions], step)
     add_start(axes, scenario.positions)
     axes.plot(*positions[alive].T, zorder=6, label="living", **marker("o", 6, BLUE))
+    if (believed & ~alive).any():
+        ghosts = positions[believed & ~alive]
+        axes.plot(*ghosts.T, zorder=6, label="ghosts", **marker("o", 6, "none", BLUE))
     add_legend(axes)
     add_title(axes, f"{scenario.name}: step {step} of {scenario.n_steps}, {alive.sum()} alive")
     return fig
@@ -198,8 +203,8 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if self.render_mode is None:
             return None
         swarms = self.batch.swarms
-        state = zip(swarms.steps, swarms.positions, swarms.alive, strict=True)
-        return tuple(frame(self.scenario, int(t), x, alive) for t, x, alive in state)
+        parts = swarms.steps.tolist(), swarms.positions, swarms.alive, self.batch.believed
+        return tuple(frame(self.scenario, *state) for state in zip(*parts, strict=True))
 
     def _infos(self, rows: BoolArray) -> Infos:
         """Information on environments, each array with a mask of those that it is about."""

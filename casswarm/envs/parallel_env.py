@@ -21,8 +21,8 @@ from pettingzoo import ParallelEnv  # noqa: E402  (an error of ours comes first)
 class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
     """A swarm of agents "member_0", ..., "member_(n-1)", which leave `agents` when destroyed.
 
-    Every agent receives the reward of the swarm for as long as it lives, in the step of its
-    destruction, too. All leave when the run ends. The potential of the shaping is 0 after an
+    Every agent receives the reward of the swarm until it leaves, in its last step, too. Where news
+    are late, an agent leaves when its loss is known. All leave when the run ends. The potential of the shaping is 0 after an
     agent's last step, so that every agent's discounted additions sum to -Phi of the initial state.
 
     Parameters
@@ -83,7 +83,8 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
         """
         observations, rewards, terminated, _, infos = self.vector.step(self._velocities(actions))
         agents = self.agents
-        ended = {a: bool(terminated[0]) or not self._alive(a) for a in agents}
+        believed = self.vector.batch.believed[0]
+        ended = {a: bool(terminated[0]) or not believed[self._member(a)] for a in agents}
         result = (
             self._by_agent(observations[0]),
             self._rewards(float(rewards[0]), ended),
@@ -117,7 +118,7 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
                     shape=value.shape,
                     expected=(2,),
                 )
-            velocities[0, self.possible_agents.index(agent)] = value
+            velocities[0, self._member(agent)] = value
         return velocities
 
     def _rewards(self, reward: float, ended: dict[str, bool]) -> dict[str, float]:
@@ -126,9 +127,8 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
         last = reward - batch.discount * float(batch.potentials[0])
         return {agent: last if leaves else reward for agent, leaves in ended.items()}
 
-    def _alive(self, agent: str) -> bool:
-        alive = self.vector.batch.swarms.alive
-        return bool(alive[0, self.possible_agents.index(agent)])
+    def _member(self, agent: str) -> int:
+        return self.possible_agents.index(agent)
 
     def _by_agent(self, observations: NDArray[Any]) -> dict[str, NDArray[Any]]:
         every = dict(zip(self.possible_agents, observations, strict=True))
@@ -139,7 +139,7 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
             agent: {
                 "run": int(infos["run"][0]),
                 "step": int(infos["step"][0]),
-                "alive": self._alive(agent),
+                "alive": bool(infos["alive"][0, self._member(agent)]),
                 "success": bool(infos["success"][0]),
                 "saturated": int(infos["saturated"][0]),
             }

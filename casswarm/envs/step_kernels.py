@@ -20,11 +20,12 @@ _ROUNDING = 2.0**-50  # more than the error of 1 - risk
 
 
 class Swarms(NamedTuple):
-    """State of B swarms of n members; the entries of the destroyed are zero."""
+    """State of B swarms of n members; the entries of those known to be lost are zero."""
 
     positions: FloatArray  # (B, n, 2), X(t)
     velocities: FloatArray  # (B, n, 2), V(t-1)
     alive: BoolArray  # (B, n)
+    late: IntArray  # (B, n), steps until a loss is known; 0 for the living, and for known losses
     steps: IntArray  # (B,), t
     seeds: Any  # (B,) uint64, of the random numbers
     runs: Any  # likewise
@@ -57,6 +58,7 @@ class Limits(NamedTuple):
     arrivals: int
     counting: BoolArray  # (n,)
     n_steps: int
+    delay: int  # number of steps after which losses are known, -1 for never
 
 
 class Ends(NamedTuple):
@@ -87,7 +89,7 @@ def move(
         if not active[b]:
             continue
         for i in range(n):
-            if not swarms.alive[b, i]:
+            if not swarms.alive[b, i] and swarms.late[b, i] == 0:
                 moves.velocities[b, i, 0], moves.velocities[b, i, 1] = 0.0, 0.0
                 moves.positions[b, i, 0], moves.positions[b, i, 1] = 0.0, 0.0
                 continue
@@ -131,10 +133,16 @@ def advance(
             # 1 - risk is below exp(-risk), so that most need no exponential
             survives = draws[i] < 1.0 - risk - _ROUNDING or draws[i] < math.exp(-risk)
             alive = swarms.alive[b, i] and survives
-            swarms.alive[b, i] = alive
+            late = 0
+            if not alive and swarms.alive[b, i]:
+                late = limits.delay if limits.delay >= 0 else 1
+            elif not alive:
+                late = max(swarms.late[b, i] - (limits.delay >= 0), 0)
+            swarms.alive[b, i], swarms.late[b, i] = alive, late
+            believed = alive or late > 0
             for axis in range(2):
-                swarms.positions[b, i, axis] = moves.positions[b, i, axis] if alive else 0.0
-                swarms.velocities[b, i, axis] = moves.velocities[b, i, axis] if alive else 0.0
+                swarms.positions[b, i, axis] = moves.positions[b, i, axis] if believed else 0.0
+                swarms.velocities[b, i, axis] = moves.velocities[b, i, axis] if believed else 0.0
             if alive:
                 survivors += 1
                 east = moves.positions[b, i, 0] - limits.east

@@ -46,6 +46,7 @@ SLIDERS = (
     "hazard.beta_2",
     "guide.a_max",
     "formation.rho",
+    "information.delay",
 )
 LARGEST_N = 1000
 """Largest number of members that a page may ask for, unless the scenario has more."""
@@ -71,18 +72,25 @@ def parameters(scenario: Scenario) -> list[Parameter]:
     """Parameters of the scenario that are numbers, with ranges around their values."""
     listed = []
     for key in SLIDERS:
-        number = value(scenario, key)
+        number, field = value(scenario, key), field_of(key, type(scenario))
+        description = (field and field.description) or ""
         if key == "n" and scenario.swarm.kind is not None:
             continue  # members differ: their number is not one to slide
         if key == "n":
             most = max(MAX_MEMBERS, scenario.n)
             listed.append(Parameter(key, 1, most, True, "Number of members."))
+        elif key == "information.delay":
+            listed.append(Parameter(key, 0, scenario.n_steps, True, description))
         elif number:  # neither missing nor 0, which has no range
             low, high = float(number) / FACTOR, float(number) * FACTOR
-            field = field_of(key, type(scenario))
-            description = (field and field.description) or ""
             listed.append(Parameter(key, low, high, False, description))
     return listed
+
+
+def _shown(scenario: Scenario, key: str) -> Any:
+    """Value of a slider; news that never come are as late as the run is long."""
+    late = key == "information.delay" and scenario.delay is None
+    return scenario.n_steps if late else value(scenario, key)
 
 
 Message = dict[str, Any]
@@ -223,7 +231,7 @@ def _scene(session: Session) -> Message:
         "zones": [{"vertices": z.vertices, "radius": z.radius} for z in table.regions],
         "others": [{"vertices": [d.center], "radius": d.radius} for d in scenario.target.other],
         "target": {"center": scenario.target.center, "radius": scenario.target.radius},
-        "parameters": [asdict(item) | {"value": value(scenario, item.key)} for item in listed],
+        "parameters": [asdict(item) | {"value": _shown(scenario, item.key)} for item in listed],
         "choices": [
             {"key": key, "values": values, "value": value(scenario, key)}
             for key, values in CHOICES.items()
@@ -285,5 +293,5 @@ def _runs(study: Study | None) -> list[Message]:
     if study is None:
         return []
     (trajectories,) = study.trajectories.values()
-    parts = ("positions", "alive", "leaders")
+    parts = ("positions", "alive", "leaders", "ghosts")
     return [{part: getattr(run, part).tolist() for part in parts} for run in trajectories]

@@ -35,7 +35,7 @@ from .._util.figure_style import (
     themed,
     wrap,
 )
-from .._util.text import shown
+from .._util.text import counted, shown
 from ..chain.monte_carlo import RunTrajectory
 from ..guide.guide import Guide
 from ..scenario import Scenario
@@ -49,6 +49,7 @@ from .formations import (
     formation_centers,
     leader_at,
     legend_handles,
+    member_marker,
     window,
 )
 from .maps import (
@@ -93,6 +94,7 @@ class RunFigure:
             between(trajectory.positions, per_step),
             np.repeat(trajectory.alive, per_step, axis=0)[: len(self.centers)],
             np.repeat(trajectory.leaders, per_step),
+            np.repeat(trajectory.alive | trajectory.ghosts, per_step, axis=0)[: len(self.centers)],
         )
         self.scenario, self.guide, self.per_step = scenario, guide, per_step
         self.title = title
@@ -181,21 +183,20 @@ class RunFigure:
             figure.set_canvas(before[2])
 
     def _draw_members(self, frame: int) -> None:
-        """Draw the members with their paths so far, those destroyed as crosses."""
+        """Draw the members with their paths so far, those destroyed as crosses, and ghosts."""
         alive, leader = self.trajectory.alive[frame], leader_at(self.trajectory, frame)
+        ghosts, size = self.trajectory.ghosts[frame], 6.5 if self.few else 4.5
         ends = np.minimum(frame, self.trajectory.last_steps())
         for member, end in enumerate(ends):
             color = MEMBERS[member] if self.few else BLUE
             path = self.trajectory.positions[: end + 1, member]
             self.artists += self.map.plot(*path.T, color=color, lw=scaled(0.9), alpha=0.7, zorder=4)
-            leads, size = member == leader, 6.5 if self.few else 4.5
-            if leads:
-                style = marker("*", 11, color if self.few else VERMILION, edge_width=0.7)
-            elif alive[member]:
-                style = marker("o", size, color, "white", 0.7)
-            else:
-                continue
-            self.artists += self.map.plot(*path[-1], zorder=7 if leads else 6, **style)
+            leads = member == leader
+            if alive[member] or ghosts[member]:
+                color = VERMILION if leads and not self.few else color
+                style = member_marker(color, leads, size, hollow=bool(ghosts[member]))
+                at = self.trajectory.positions[frame, member]
+                self.artists += self.map.plot(*at, zorder=7 if leads else 6, **style)
         self._draw_lost(frame)
 
     def _draw_lost(self, frame: int) -> None:
@@ -213,8 +214,9 @@ class RunFigure:
             )
 
     def _heading(self, frame: int) -> str:
-        alive = self.trajectory.alive[frame]
-        return wrap(f"{self.title}: {caption(frame // self.per_step, alive)}")
+        alive, ghosts = self.trajectory.alive[frame], int(self.trajectory.ghosts[frame].sum())
+        text = f"{self.title}: {caption(frame // self.per_step, alive)}"
+        return wrap(text + (f", {counted(ghosts, 'ghost')}" if ghosts else ""))
 
 
 def _set_visible(artists: Iterable[Artist], visible: bool) -> None:

@@ -18,6 +18,7 @@ from matplotlib.transforms import ScaledTranslation
 from .._util.figure_style import (
     BLUE,
     GREY,
+    INK,
     MEMBERS,
     VERMILION,
     AxesLike,
@@ -114,20 +115,21 @@ class Closeup:
         self.image.set_data(np.minimum(rates, _MAX))  # rates of collisions are unbounded
         lost = self.trajectory.alive[max(0, step - self.per_step)] & ~alive
         offsets = positions - center
-        self._draw_alive(offsets, alive, leader_at(self.trajectory, step))
+        ghosts = self.trajectory.ghosts[step]
+        self._draw(offsets, alive, leader_at(self.trajectory, step))
+        self._draw(offsets, ghosts, leader_at(self.trajectory, step), hollow=True)
         self._draw_lost(offsets, alive, lost)
         if self.few:
-            self._label(offsets, alive, lost)
+            self._label(offsets, alive | ghosts, lost)
             self._label(offsets, lost, alive, crosses=True)
 
-    def _draw_alive(self, offsets: FloatArray, alive: BoolArray, leader: int) -> None:
-        for member in np.flatnonzero(alive):
+    def _draw(
+        self, offsets: FloatArray, members: BoolArray, leader: int, hollow: bool = False
+    ) -> None:
+        for member in np.flatnonzero(members):
             leads = member == leader
             color = MEMBERS[member] if self.few else VERMILION if leads else BLUE
-            if leads:
-                style = marker("*", 12, color, edge_width=0.8)
-            else:
-                style = marker("o", 6.5 if self.few else 3.5, color, "white", 0.5)
+            style = member_marker(color, leads, 6.5 if self.few else 3.5, hollow)
             self.artists += self.axes.plot(*offsets[member], zorder=6 if leads else 5, **style)
 
     def _draw_lost(self, offsets: FloatArray, alive: BoolArray, lost: BoolArray) -> None:
@@ -176,6 +178,16 @@ class Closeup:
         return np.asarray(members[distances < _NEAR * self.half])
 
 
+def member_marker(color: str, leads: bool, size: float, hollow: bool = False) -> dict[str, Any]:
+    """Marker of a member, a star if it leads; hollow if it is a ghost."""
+    shape, size, edge, width = ("*", 12.0, INK, 0.8) if leads else ("o", size, "white", 0.5)
+    return (
+        marker(shape, size, "none", color, 1.1)
+        if hollow
+        else marker(shape, size, color, edge, width)
+    )
+
+
 def _ranges(numbers: IntArray) -> str:
     """Text of ascending numbers, consecutive ones as a range: 1, 3–5."""
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
@@ -204,11 +216,12 @@ def follows_guide(trajectory: RunTrajectory, guide: Guide, rho: float) -> bool:
 
 
 def leader_at(trajectory: RunTrajectory, step: int) -> int:
-    """Leader at a step, or -1; at the last step the previous leader if it is alive."""
+    """Leader at a step, or -1; at the last step the previous leader if it is believed to live."""
     if not len(trajectory.leaders):
         return -1
     leader = int(trajectory.leaders[min(step, len(trajectory.leaders) - 1)])
-    return leader if leader >= 0 and trajectory.alive[step, leader] else -1
+    believed = trajectory.alive[step] | trajectory.ghosts[step]
+    return leader if leader >= 0 and believed[leader] else -1
 
 
 def window(trajectory: RunTrajectory, centers: FloatArray) -> float:
@@ -318,6 +331,8 @@ def legend_handles(
     """Handles of a legend of close-ups of a run."""
     styles = {"leader": marker("*", 11, GREY)} if (trajectory.leaders >= 0).any() else {}
     styles |= {"alive": marker("o", 6.5, GREY, "white"), "lost in this step": marker("X", 7.5)}
+    if trajectory.ghosts.any():
+        styles = {"ghost": marker("o", 6.5, "none", GREY)} | styles
     if guide:
         styles["guide"] = marker("+", 9, edge=BLUE)
     edge = {"markeredgewidth": 1.0}  # the same in all themes

@@ -4,6 +4,10 @@ In a situation (P, t, d), exactly the members d are left at step t on the trajec
 for more members. Each that is probable enough is solved once, from the rest of P's trajectories,
 and the new plan for d is adopted if its exact value is higher. ``docs/joint.md`` says why the plan
 cannot become worse, nor depend on the order of runs.
+
+**News that is late.** At step t it is known that exactly d lived at step t - delay. Since then they
+have followed P, so what has happened to them has a known law: a plan's distribution, and its value,
+begin at that step, with the known steps of P in front, which the program keeps fixed.
 """
 
 from __future__ import annotations
@@ -46,7 +50,7 @@ class Branch:
     """A plan of the tree."""
 
     path: Path  # the situations that led here; empty for the root
-    step: int  # first step of the plan
+    step: int  # from which on its trajectories are known: when exactly its members were alive
     members: Members
     positions: FloatArray  # (T+1, m, 2), of its members, from `step` on
     velocities: FloatArray  # (T, m, 2)
@@ -61,7 +65,7 @@ class Branch:
         return self.positions[at][rows], previous_velocities[rows]
 
     def remaining(self, step: int, members: Members) -> FloatArray:
-        """Velocities (T', m, 2) of some of its members from a step on."""
+        """Velocities (T', m, 2) of some of its members from a step on; none after its end."""
         return self.velocities[step - self.step :][:, self._rows(members)]
 
     def entering(self, step: int, members: Members) -> float:
@@ -125,6 +129,7 @@ class PlanTree:
         self.min_distance = plan.min_distance or 0.0
         self.solver = solver
         self.min_probability = min_probability
+        self.delay = scenario.delay or 0  # no situation occurs if news never come
         self.branches: dict[Path, Branch] = {}
         self._failed: set[Path] = set()
         self._by_position: dict[tuple[int, int, bytes], list[Branch]] = {}
@@ -144,7 +149,7 @@ class PlanTree:
     def follow(
         self, step: int, members: Members, positions: FloatArray, previous_velocities: FloatArray
     ) -> tuple[FloatArray, bool, bool] | None:
-        """Velocities (m, 2) of the living at a step; None for a state that no plan leads to.
+        """Velocities (m, 2) at a step of those not known to be lost; None off all plans.
 
         `positions` and `previous_velocities` (m, 2) are their X(step), V(step-1). With the
         velocities comes whether a plan was made for this situation, and whether the solve for it
@@ -155,7 +160,7 @@ class PlanTree:
             return None
         planned = failed = False
         fewer = len(members) < len(branch.members)
-        if fewer and branch.entering(step, members) >= self.min_probability:
+        if fewer and branch.entering(step - self.delay, members) >= self.min_probability:
             path = (*branch.path, (step, members))
             if path not in self.branches:
                 self.branches[path] = self._plan(branch, path)
@@ -177,12 +182,12 @@ class PlanTree:
         return None
 
     def _add(self, branch: Branch) -> None:
-        """Register a plan under its positions, except those where it begins.
+        """Register a plan under its positions, except those up to where it was made.
 
         There its members are still on the previous plan. Plans that share positions are ordered by
         path, whichever was made first.
         """
-        for at in range(1 if branch.path else 0, len(branch.positions)):
+        for at in range(self.delay + 1 if branch.path else 0, len(branch.positions)):
             for member, position in zip(branch.members, branch.positions[at], strict=True):
                 key = (branch.step + at, member, position.tobytes())
                 branches = self._by_position.setdefault(key, [])
@@ -191,10 +196,10 @@ class PlanTree:
 
     def _plan(self, branch: Branch, path: Path) -> Branch:
         """A plan for the survivors; the rest of the previous one if that is at least as good."""
-        step, members = path[-1]
+        step, members = path[-1][0] - self.delay, path[-1][1]
         remaining = branch.remaining(step, members)
         counting = int(self.scenario.swarm.counting[list(members)].sum())
-        if not len(remaining) or counting < self.scenario.success.arrivals:
+        if len(remaining) <= self.delay or counting < self.scenario.success.arrivals:
             return branch
         scenario = self.scenario
         if scenario.swarm.kind is not None:
@@ -204,7 +209,7 @@ class PlanTree:
         quarter = -(-steps // _HORIZONS)
         horizon = min(steps, quarter * -(-(steps - step) // quarter))
         task = JointTask.from_scenario(scenario, initial_velocities, self.min_distance)
-        task = replace(task, start=start, steps=steps - step)
+        task = replace(task, start=start, steps=steps - step, known=self.delay)
         form = JointForm(len(members), horizon, True, self.objective, self.min_distance > 0)
         if scenario.hazard.changes:
             form = replace(form, first=step)

@@ -109,7 +109,8 @@ class JointProblem:
         velocities = self.task.motion.v_max * flat.reshape(self.form.horizon, self.form.n, 2)[:last]
         if not np.isfinite(velocities).all():
             velocities = guess.velocities[:last]
-        velocities = self.feasible(velocities)
+        known = guess.velocities[: self.task.known]
+        velocities = self.feasible(np.concatenate([known, velocities[len(known) :]]))
         value = self.value(velocities, arrivals)
         distance = least_distance(self.positions(velocities)[1:])
         separated = distance >= (1 - DISTANCE_TOL) * self.task.min_distance

@@ -33,7 +33,6 @@ from ..guide.guide import Guide
 from ..guide.plan import initial_velocities, plan
 from ..policies import make_policy
 from ..policies.parametric import ParametricPolicy
-from ..policies.planned_paths import ReplanningPolicy
 from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
@@ -572,14 +571,6 @@ def optimal_value(
 
 
 def _success(scenario: Scenario, guide: Guide) -> float:
-    """Lower bound of the exact success probability of the policy optimal.
-
-    Where news are late, of its first plan if that is better: a survivor that replans from where it
-    was when the other was lost may do worse.
-    """
+    """Lower bound of the exact success probability of the policy optimal."""
     policy = make_policy("optimal", scenario, guide)
-    low = float(evaluate(scenario, policy, tolerance=0.0, guide=guide).success.low)
-    if scenario.delay != 0 and isinstance(policy, ReplanningPolicy):
-        blind = evaluate(scenario, policy.open_loop, tolerance=0.0, guide=guide).success
-        low = max(low, float(blind.low))
-    return low
+    return float(evaluate(scenario, policy, tolerance=0.0, guide=guide).success.low)

@@ -23,7 +23,8 @@ from ..typing import FloatArray
 def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
     """Trajectories of saved runs: a row per policy, run, step and member.
 
-    Columns: policy, run, step, member, x, y, alive, leads (from this step to the next).
+    Columns: policy, run, step, member, x, y, alive, leads (from this step to the next), and where
+    news are late, ghost (lost, and not known to be).
     """
     parts = []
     for policy, saved in trajectories.items():
@@ -40,6 +41,8 @@ def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.
                 "alive": trajectory.alive.ravel(),
                 "leads": (leaders[:, None] == np.arange(members)).ravel(),
             }
+            if trajectory.believed is not None:
+                columns["ghost"] = trajectory.ghosts.ravel()
             parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 

@@ -57,6 +57,36 @@ def test_env_with_policy_has_runs_of_simulate(policy: str, mode: str, guide: csw
     np.testing.assert_array_equal(table["returns"], table["success"])
 
 
+@pytest.mark.parametrize("delay", [1, 3, "never"])
+def test_env_with_late_news_has_runs_of_simulate(delay: int | str, guide: csw.Guide) -> None:
+    """The policy reads the living from the observations, in which ghosts seem to live."""
+    scenario = SMALL.replace(information={"delay": delay})
+    env = SwarmVectorEnv(scenario, 60, guide=guide)
+    policy = csw.make_policy("leader", scenario, guide)
+    table = outcomes(env, policy, seed=7, episodes=3)
+    runs = csw.simulate(scenario, [policy], runs=180, seed=7, guide=guide).runs
+    same_runs(table, runs)
+    truth = csw.simulate(SMALL, ["leader"], runs=180, seed=7, guide=guide).runs
+    assert not truth["success"].equals(runs["success"])
+
+
+def test_env_shows_ghosts_until_their_loss_is_known() -> None:
+    deadly = SMALL.with_values({"hazard.alpha_1": 3.0, "information.delay": 2})
+    env = SwarmVectorEnv(deadly, 50, autoreset_mode="Disabled")
+    env.reset(seed=1)
+    alive = []
+    seen = 0
+    for _ in range(4):
+        observations, _, ended, _, infos = env.step(ahead(env))
+        alive.append(infos["alive"])
+        believed = observations[..., 0] > 0
+        known = alive[-3] if len(alive) > 2 else np.ones_like(believed)
+        running = ~ended
+        np.testing.assert_array_equal(believed[running], known[running])
+        seen += int((believed & ~infos["alive"])[running].sum())
+    assert seen > 10
+
+
 def test_env_with_members_that_differ_has_runs_of_simulate() -> None:
     kinds = {
         "swarm.kind": ["carrier", "companion", "slow"],

@@ -23,7 +23,7 @@ def outcomes(env: SwarmVectorEnv, policy: csw.Policy, seed: int, episodes: int) 
         actions = np.zeros_like(swarms.positions)
         for step in np.unique(swarms.steps[~env.batch.ends.ended]):
             rows = (swarms.steps == step) & ~env.batch.ends.ended
-            state = swarms.positions[rows], swarms.velocities[rows], swarms.alive[rows]
+            state = swarms.positions[rows], swarms.velocities[rows], env.batch.believed[rows]
             actions[rows] = policy.velocities(int(step), *state)
         before, resets = swarms.runs.astype(int).copy(), env.batch.ends.ended.copy()
         _, rewards, terminated, truncated, infos = env.step(actions)

@@ -248,17 +248,25 @@ class MapView {
     const step = Math.min(Math.floor(time), run.positions.length - 1);
     const next = Math.min(step + 1, run.positions.length - 1);
     run.positions[step].forEach((from, member) => {
-      const to = run.alive[step][member] ? run.positions[next][member] : from;
+      const [alive, ghost] = [run.alive[step][member], run.ghosts[step][member]];
+      const to = alive || ghost ? run.positions[next][member] : from;
       const at = from.map((value, k) => value + (time - step) * (to[k] - value));
-      const [x, y] = this.toPixels(at);
       const leads = run.leaders[step] === member;
       const color = COLORS[member % COLORS.length];
-      const mark = run.alive[step][member]
-        ? make("circle", { r: leads ? 7 : 5, fill: color, class: leads ? "csw-leader" : "" })
-        : make("path", { d: "M-5 -5L5 5M-5 5L5 -5", class: "csw-lost" });
-      mark.setAttribute("transform", `translate(${x} ${y})`);
-      this.run.append(mark);
+      if (!alive) {
+        const lost = run.positions[run.alive.findIndex((living) => !living[member])][member];
+        this.mark(make("path", { d: "M-5 -5L5 5M-5 5L5 -5", class: "csw-lost" }), lost);
+      }
+      const shade = ghost ? { class: "csw-ghost", style: `stroke: ${color}` } : { fill: color, class: leads ? "csw-leader" : "" };
+      if (alive || ghost) this.mark(make("circle", { r: leads ? 7 : 5, ...shade }), at);
     });
+  }
+
+  /** Draw a mark of a run at a position. */
+  mark(element, position) {
+    const [x, y] = this.toPixels(position);
+    element.setAttribute("transform", `translate(${x} ${y})`);
+    this.run.append(element);
   }
 }
 

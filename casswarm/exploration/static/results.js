@@ -35,9 +35,14 @@ class Player {
     this.time = Math.min(time, last);
     [this.range.max, this.range.value] = [last, this.time];
     this.button.disabled = !this.run;
-    const alive = this.run ? this.run.alive[Math.floor(this.time)].filter(Boolean).length : 0;
-    this.note.textContent = this.run ? `step ${Math.floor(this.time)} of ${last}, ${alive} alive` : "";
+    this.note.textContent = this.run ? this.caption(Math.floor(this.time), last) : "";
     this.map.drawRun(this.time > 0 ? this.run : null, this.time);
+  }
+
+  caption(step, last) {
+    const [alive, ghosts] = [this.run.alive, this.run.ghosts].map((masks) => masks[step].filter(Boolean).length);
+    const unknown = ghosts ? `, ${ghosts} ghost${ghosts > 1 ? "s" : ""}` : "";
+    return `step ${step} of ${last}, ${alive} alive${unknown}`;
   }
 
   toggle() {
