@@ -9,7 +9,7 @@ import numpy as np
 from _attack_acceleration import acceleration
 from _attack_model import Rates, shortened, speed
 from _attack_records import Check, Skip
-from _attack_scenarios import Rng, as_led, draw, in_time, is_plain, limits_of, policies
+from _attack_scenarios import Rng, as_led, draw, in_time, is_plain, late, limits_of, policies
 
 import casswarm as csw
 from casswarm.bounds import pair_bound
@@ -284,7 +284,7 @@ def joint(rng: Rng) -> Iterator[Check]:
     """Claim 8: a joint plan is what it states, within its limits and `success_bound`."""
     scenario = in_time(rng, draw(rng, members=(1, 3), steps=(2, 8)))
     plain = {"time.substeps": 1, "target.other": None, "swarm.speed": "box"}
-    scenario = scenario.with_values(plain)
+    scenario = late(rng, scenario.with_values(plain))
     plan = csw.plan_swarm(scenario, seed=int(rng.integers(1000)), time_limit=10.0)
     assert plan.distribution is not None
     assert plan.success is not None

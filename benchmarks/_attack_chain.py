@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from _attack_model import enumerate_chain
 from _attack_records import Check, Skip, Trial
-from _attack_scenarios import Rng, draw, in_time, limits_of, policies
+from _attack_scenarios import Rng, draw, in_time, late, limits_of, policies
 from scipy.stats import binom
 
 import casswarm as csw
@@ -27,7 +27,7 @@ def enumeration(rng: Rng) -> Iterator[Check]:
 
     Of exact commands: rounded motion has no equations but its own.
     """
-    scenario = in_time(rng, draw(rng, members=(1, 3), steps=(1, 4)))
+    scenario = late(rng, in_time(rng, draw(rng, members=(1, 3), steps=(1, 4))))
     guide = csw.plan(scenario, certify=False)
     velocities = initial_velocities(scenario, guide)
     name = str(rng.choice(policies(scenario, 2)))
@@ -60,7 +60,7 @@ def sampling(rng: Rng) -> Iterator[Check]:
 
     Of exact commands: rounded motion may decide otherwise where two decisions are nearly equal.
     """
-    scenario = in_time(rng, draw(rng, members=(2, 4), steps=(4, 12)))
+    scenario = late(rng, in_time(rng, draw(rng, members=(2, 4), steps=(4, 12))))
     guide = csw.plan(scenario, certify=False)
     name = str(rng.choice(policies(scenario)))
     policy = csw.make_policy(name, scenario, guide)
@@ -81,7 +81,7 @@ def _sampled(study: csw.Study, bounds: tuple[float, float], name: str) -> Check:
 
 def intervals(rng: Rng) -> Iterator[Trial]:
     """Claim 4: 95 % intervals of `simulate` and `estimate` contain the exact success."""
-    scenario = draw(rng, members=(1, 3), steps=(3, 9))
+    scenario = late(rng, draw(rng, members=(1, 3), steps=(3, 9)))
     guide = csw.plan(scenario, certify=False)
     policy = csw.make_policy(str(rng.choice(policies(scenario))), scenario, guide)
     exact = csw.evaluate(scenario, policy, _TOLERANCE, max_states=_STATES, guide=guide)

@@ -17,6 +17,7 @@ from _attack_scenarios import (
     data_of,
     draw,
     in_time,
+    late,
     moved,
     policies,
     scale_length,
@@ -37,7 +38,7 @@ _LIMITED = "certificate with a_max"
 def images(rng: Rng) -> Iterator[Check]:
     """Claim 7: nothing changes in other units, in an image, or in another order of the members."""
     ordinary = draw(rng, members=(1, 3), steps=(2, 7), extremes=bool(rng.random() < 0.3))
-    scenario = in_time(rng, ordinary)
+    scenario = late(rng, in_time(rng, ordinary))
     data = data_of(scenario)
     kind = str(rng.choice(["length", "time", "shifted", "mirrored", "turned", "permuted"]))
     if kind == "permuted" and scenario.swarm.counting.sum() < 3:

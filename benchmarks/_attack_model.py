@@ -164,9 +164,12 @@ class Outcomes(NamedTuple):
 def enumerate_chain(
     scenario: csw.Scenario, policy: csw.Policy, initial_velocities: np.ndarray
 ) -> Outcomes:
-    """The chain's distribution by recursion over all losses, state by state, equation (1)."""
+    """The chain's distribution by recursion over all losses, state by state, equation (1).
+
+    A policy gets as alive those who lived ``information.delay`` steps ago.
+    """
     rates, n, steps = Rates.from_scenario(scenario), scenario.n, scenario.n_steps
-    dt = scenario.time.dt
+    dt, delay = scenario.time.dt, scenario.information.delay
     targets = [scenario.target, *scenario.target.other]
     outcomes = Outcomes(np.zeros(steps + 1), np.zeros(n + 1), np.zeros(n))
 
@@ -174,10 +177,13 @@ def enumerate_chain(
         outcomes.survivors[alive.sum()] += mass
         outcomes.members[alive] += mass
 
-    def visit(step: int, x: np.ndarray, v: np.ndarray, alive: np.ndarray, mass: float) -> None:
+    def visit(x: np.ndarray, v: np.ndarray, lived: list[np.ndarray], mass: float) -> None:
+        step, alive = len(lived) - 1, lived[-1]
         if step == steps or not alive.any():
             return end(alive, mass)
-        velocities = policy.velocities(step, x, v, alive)
+        believed = lived[0 if delay == "never" else max(0, step - delay)]
+        x, v = np.where(believed[:, None], x, 0.0), np.where(believed[:, None], v, 0.0)
+        velocities = policy.velocities(step, x, v, believed)
         following = x + dt * velocities
         survival = np.exp(-dt * rates.over(step, x, following, alive))
         distances = [np.hypot(*(following - each.center).T) - each.radius for each in targets]
@@ -192,17 +198,10 @@ def enumerate_chain(
                 outcomes.arrival[step + 1] += mass * share
                 end(after, mass * share)
             elif share > 0:
-                keep = after[:, None]
-                visit(
-                    step + 1,
-                    np.where(keep, following, 0.0),
-                    np.where(keep, velocities, 0.0),
-                    after,
-                    mass * share,
-                )
+                visit(following, velocities, [*lived, after], mass * share)
         return None
 
-    visit(0, np.array(scenario.positions), initial_velocities, np.ones(n, bool), 1.0)
+    visit(np.array(scenario.positions), initial_velocities, [np.ones(n, bool)], 1.0)
     return outcomes
 
 

@@ -66,6 +66,14 @@ def draw(
         raise Skip(f"scenario refused: {key}") from None
 
 
+def late(rng: Rng, scenario: csw.Scenario) -> csw.Scenario:
+    """The scenario, sometimes with news that are late."""
+    if rng.random() < 0.6:
+        return scenario
+    delay = "never" if rng.random() < 0.2 else int(rng.integers(1, scenario.n_steps + 2))
+    return scenario.replace(information={"delay": delay})
+
+
 def _kinds(rng: Rng, swarm: Data) -> Data:
     """A kind for every member, up to three of them; the first member counts."""
     names = rng.choice(["a", "b", "c"], len(swarm["positions"]))

@@ -143,6 +143,7 @@ def main() -> None:
     if not sys.argv[1:]:
         policies = pd.read_csv(ROOT / "results" / "policies" / "policies.csv")
         save(success_chart(policies), IMAGES / "policies.png", dpi=130)
+        shutil.copy(ROOT / "results" / "late-news" / "late-news.png", IMAGES)
 
 
 if __name__ == "__main__":

@@ -22,8 +22,9 @@ class SwarmParallelEnv(OneSwarm, ParallelEnv[str, NDArray[Any], NDArray[Any]]):
     """A swarm of agents "member_0", ..., "member_(n-1)", which leave `agents` when destroyed.
 
     Every agent receives the reward of the swarm until it leaves, in its last step, too. Where news
-    are late, an agent leaves when its loss is known. All leave when the run ends. The potential of the shaping is 0 after an
-    agent's last step, so that every agent's discounted additions sum to -Phi of the initial state.
+    are late, an agent leaves when its loss is known. All leave when the run ends. The potential of
+    the shaping is 0 after an agent's last step, so that every agent's discounted additions sum to
+    -Phi of the initial state.
 
     Parameters
     ----------

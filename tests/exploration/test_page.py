@@ -264,3 +264,38 @@ def test_closed_page_ends_the_work_and_next_one_continues(page, session, address
     page.wait(READY, 120)
     assert page.value(label) == before
     assert session.history.can_undo
+
+
+def test_ghosts_of_a_run_are_drawn_where_news_are_late(chromium, tmp_path):
+    positions = [(0.0, 0.0), (0.0, 0.4), (0.0, -0.4)]
+    radars = [(3.0, 1.0), (3.0, -1.0)]
+    deadly = small(positions, (6.0, 0.0), radars, 20, hazard__alpha_1=10.0)
+    session = Session(deadly)
+    with page_server(session) as address:
+        chromium.open(address)
+        session.wait(120)
+        chromium.wait(READY, 120)
+        slider = "document.querySelector('input[type=range][name=\"information.delay\"]')"
+        assert chromium.value(f"[{slider}.min, {slider}.max, {slider}.value].join()") == "0,20,0"
+        chromium.value(f"{slider}.value = 20; {slider}.dispatchEvent(new Event('input'))")
+        chromium.wait(f"{UNDO}.disabled === false", 60)
+        session.wait(120)
+        chromium.wait(READY, 120)
+        assert session.scenario.delay is None
+        (runs,) = session.study.trajectories.values()
+        number, run = max(enumerate(runs), key=lambda item: item[1].ghosts.sum())
+        (step, *_), _ = run.ghosts.nonzero()
+        shown = (
+            "const [choice, time] = ['select[aria-label=run]', '.csw-player input']"
+            ".map((name) => document.querySelector(name));"
+            f"choice.value = {number}; choice.dispatchEvent(new Event('change'));"
+            f"time.value = {step}; time.dispatchEvent(new Event('input'));"
+        )
+        chromium.value(f"(() => {{ {shown} }})()")
+        ghosts = int(run.ghosts[step].sum())
+        assert chromium.value("document.querySelectorAll('.csw-run .csw-ghost').length") == ghosts
+        assert chromium.value("document.querySelectorAll('.csw-run .csw-lost').length") == ghosts
+        text = chromium.value("document.querySelector('.csw-player output').textContent")
+        assert text.endswith(f"{ghosts} ghost{'s' if ghosts > 1 else ''}")
+        chromium.screenshot(tmp_path / "ghosts.png")
+    assert chromium.errors == []

@@ -257,7 +257,7 @@ class MapView {
         const lost = run.positions[run.alive.findIndex((living) => !living[member])][member];
         this.mark(make("path", { d: "M-5 -5L5 5M-5 5L5 -5", class: "csw-lost" }), lost);
       }
-      const shade = ghost ? { class: "csw-ghost", style: `stroke: ${color}` } : { fill: color, class: leads ? "csw-leader" : "" };
+      const shade = ghost ? { stroke: color, class: "csw-ghost" } : { fill: color, class: leads ? "csw-leader" : "" };
       if (alive || ghost) this.mark(make("circle", { r: leads ? 7 : 5, ...shade }), at);
     });
   }
