@@ -266,7 +266,7 @@ class Runs:
             trajectories=tuple(
                 RunTrajectory(
                     *(arrays[f"{name}-{k}"] for name in _TRAJECTORY_ARRAYS),
-                    arrays.get(f"believed-{k}"),
+                    believed=arrays.get(f"believed-{k}"),
                 )
                 for k in range(number)
             ),
