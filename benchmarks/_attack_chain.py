@@ -14,7 +14,7 @@ from scipy.stats import binom
 import casswarm as csw
 from casswarm.chain.states import States
 from casswarm.chain.transition import Transition, transition
-from casswarm.guide.plan import initial_velocities
+from casswarm.guide.agent import initial_velocities
 
 _LEVEL = 1e-7
 _RUNS = 3000

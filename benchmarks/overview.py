@@ -59,7 +59,7 @@ def formation() -> list[Row]:
 
     import casswarm as csw
     from casswarm.formation.objective import formation_program
-    from casswarm.guide.plan import initial_velocities
+    from casswarm.guide.agent import initial_velocities
     from casswarm.problems.formation import formation_nlp
 
     rows = []

@@ -66,7 +66,7 @@ def evaluate(
         refuse("nothing is sampled without --runs", "seed")
     with work(common) as job:
         chosen = load(common)
-        from ..guide.plan import guide_solver
+        from ..guide.agent import guide_solver
 
         chosen_policies = named_policies(policies)
         folder = job.open("evaluate", chosen)

@@ -73,6 +73,30 @@ class Number(click.FloatRange):
         return number
 
 
+class AmbiguityText(click.ParamType):
+    """A set of priors: mean, worst, cvar:A or tv:R."""
+
+    name = "ambiguity"
+
+    def convert(self, value: Any, param: Parameter | None, ctx: Context | None) -> Any:
+        """What `casswarm.plan` takes."""
+        from ..errors import PlanningError
+        from ..guide import Ambiguity
+
+        name, colon, parameter = str(value).partition(":")
+        try:
+            chosen = (name, float(parameter)) if colon else name
+            Ambiguity.of(chosen)  # type: ignore[arg-type]
+        except (ValueError, PlanningError):
+            self.fail(
+                f"{value!r} is no set of priors: mean, worst, cvar:A with A above 0 and at most 1, "
+                "such as cvar:0.3, or tv:R with R from 0 to 2",
+                param,
+                ctx,
+            )
+        return chosen
+
+
 POSITIVE = Number(0, min_open=True)
 COUNT = click.IntRange(1)
 FOLDER = click.Path(file_okay=False, path_type=Path)

@@ -15,8 +15,9 @@ import click
 import casswarm as csw
 
 from .._util.text import aligned_table, counted
-from .common import WrongInput, load, work
+from .common import Work, WrongInput, load, work
 from .options import (
+    AmbiguityText,
     CommonOptions,
     GuideOptions,
     Number,
@@ -181,6 +182,13 @@ class SolveOptions:
         type=Number(0.0, min_open=True, infinite=True),
     )
     with_map: bool = option("Also plot the cost-to-go map.", "--map")
+    ambiguity: Any = option(
+        "Plan a mixture of guides for a hazard that is not known (hazard.case): for the mean of "
+        "the prior, the worst prior, the mean over the worst fraction of cases (cvar:0.3), or the "
+        "worst prior within a distance (tv:0.5).",
+        type=AmbiguityText(),
+        metavar="mean|worst|cvar:A|tv:R",
+    )
 
 
 @click.command()
@@ -194,7 +202,8 @@ def plan(
     guide.csv (a row per step), candidates.csv (the outcome of every initial guess), paths.csv (the
     best path of every homotopy class), guide.png and run.json; casswarm plot draws the figures
     again. The paper's projected gradient is compared with a global search in comparison.csv and
-    comparison.png.
+    comparison.png. With --ambiguity it writes mixture.csv (a row per path, with its survival in
+    every case), paths.csv, mixture.png and run.json.
 
     \b
     Examples:
@@ -203,10 +212,13 @@ def plan(
       casswarm plan paper-1 --solver projected-gradient
       casswarm plan single-agent --map
       casswarm plan single-agent --verbose
+      casswarm plan two-gaps --ambiguity worst
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
     """
     if not solving.certify:
         refuse("no bound is computed with --no-certify", "gap")
+    if solving.ambiguity is not None:
+        refuse("--ambiguity plans a mixture of guides", "with_map", "solver")
     reference = solving.solver == "projected-gradient"
     if reference and any(value is not None for value in planning.values.values()):
         raise WrongInput(
@@ -215,6 +227,14 @@ def plan(
         )
     with work(common) as job:
         chosen = load(common, planning.values)
+        if len(chosen.cases) > 1 and solving.ambiguity is None:
+            raise WrongInput(
+                f"{chosen.name} has {len(chosen.cases)} cases of its hazard: say with --ambiguity "
+                "for which priors the guides shall be good, such as --ambiguity mean"
+            )
+        if solving.ambiguity is not None:
+            _plan_mixture(job, chosen, solving.ambiguity, solving)
+            return
         folder = job.open("plan", chosen)
         if solving.with_map:
             from ..grid import value_grid
@@ -246,6 +266,25 @@ def plan(
         if guide.failed:
             job.failures.append("no solve succeeded")
         job.finish(plan_text(chosen, guide, baseline))
+
+
+def _plan_mixture(job: Work, scenario: csw.Scenario, chosen: Any, solving: SolveOptions) -> None:
+    """Plan a mixture of guides, and write it."""
+    from ..studies import tables
+
+    folder = job.open("plan", scenario)
+    limits: dict[str, Any] = {"gap": solving.gap, "time_limit": solving.time_limit}
+    mixed = csw.plan(
+        scenario, ambiguity=chosen, certify=solving.certify, progress=job.progress, **limits
+    )
+    paths = {f"path {k}": path.positions for k, path in enumerate(mixed.paths)}
+    folder.write_tables(
+        mixture=tables.mixture_table(mixed), paths=tables.path_table({"mixture": paths})
+    )
+    folder.write_objects(mixed=mixed)
+    folder.write_record(mixed.as_dict(), {"ambiguity": chosen})
+    job.draw()
+    job.finish(f"{scenario.name}: {counted(len(scenario.cases), 'case')} of the hazard\n{mixed}")
 
 
 def _write_guide(folder: ResultsFolder, guide: csw.Guide, solver: str) -> None:

@@ -87,7 +87,7 @@ def simulate(
         raise WrongInput("--report and --no-figures: give one of them, the report shows figures")
     with work(common) as job:
         chosen = load(common, planning.values)
-        from ..guide.plan import guide_solver
+        from ..guide.agent import guide_solver
 
         chosen_policies = named_policies(policies)
         folder = job.open("simulate", chosen, execution.saved_since)

@@ -14,6 +14,9 @@ The paper writes *min* exp(-sum) + gamma d, which has a wrong sign: survival is 
 the risk, minus its logarithm, is the better scaled objective. V(-1) is a parameter, and the change
 from it has its own limit, infinite if the guide may start with any velocity.
 
+**Hazards that are not known.** With K cases of priors p_k and risks R_k, the sums above, the
+objective is -log sum_k p_k exp(-R_k), minus the logarithm of the mean survival; R_1 with one case.
+
 Where rates depend on time, lambda-bar(X(t)) is that of the radars after t steps. With m substeps it
 is the mean of the rates at m points of the straight line from X(t-1) to X(t), of which X(t) is the
 last.
@@ -59,8 +62,10 @@ UNROLL = 3000
 
 
 @locked_cache(maxsize=16)
-def guide_nlp(hazard: Hazard, horizon: int, substeps: int = 1, disc: bool = False) -> Nlp:
-    """The program above for arrival at any step up to `horizon`.
+def guide_nlp(
+    hazard: Hazard | tuple[Hazard, ...], horizon: int, substeps: int = 1, disc: bool = False
+) -> Nlp:
+    """The program above for arrival at any step up to `horizon`, with a tuple of hazards its cases.
 
     Where there are `substeps`, ``hazard.after`` counts them. With a `disc`, the speed is limited in
     every direction.
@@ -77,25 +82,38 @@ def guide_nlp(hazard: Hazard, horizon: int, substeps: int = 1, disc: bool = Fals
     parts = [X if k == substeps else previous + k / substeps * (X - previous)
              for k in range(1, substeps + 1)]  # fmt: skip
     points = ca.reshape(ca.vertcat(*parts), 2, substeps * horizon)
-    rates = hazard.expression_along(ca.repmat(origin, 1, substeps * horizon) + length * points)
-    if substeps > 1:
-        total: Expr = ca.sum1(ca.reshape(rates, substeps, horizon))
-        rates = total / substeps
+    places = ca.repmat(origin, 1, substeps * horizon) + length * points
+
+    def risk(of: Hazard) -> Expr:
+        rates = of.expression_along(places)
+        if substeps > 1:
+            total: Expr = ca.sum1(ca.reshape(rates, substeps, horizon))
+            rates = total / substeps
+        return ca.dot(weights, clock * rates)
+
+    cases = hazard if isinstance(hazard, tuple) else (hazard,)
     change = V - ca.horzcat(initial_velocity, V[:, :-1])
-    symbols = initial_velocity, center, weights, origin, length, clock
+    symbols = [initial_velocity, center, weights, origin, length, clock]
     size = [str(horizon), *([str(substeps)] if substeps > 1 else []), *(["disc"] if disc else [])]
+    if hazard is cases:
+        size.append(f"{len(cases)} cases")
+        symbols.append(ca.MX.sym("log_prior", len(cases)))
+        objective = -ca.logsumexp(symbols[-1] - ca.vertcat(*map(risk, cases)))
+    else:
+        objective = risk(cases[0])
+    radars = sum(max(1, len(case.radar_positions)) for case in cases)
     return Nlp(
         name=f"guide[{', '.join(size)}]",
         variables={"positions": X, "velocities": V},
         parameters={symbol.name(): symbol for symbol in symbols},
-        objective=ca.dot(weights, clock * rates),
+        objective=objective,
         constraints={
             "dynamics": X - previous - V,
             "acceleration": ca.sum1(change**2),
             "arrival": ca.sumsqr(X[:, -1] - center),
             **({"speed": ca.sum1(V**2)} if disc else {}),
         },
-        unroll=substeps * horizon * max(1, len(hazard.radar_positions)) <= UNROLL,
+        unroll=hazard is not cases and substeps * horizon * radars <= UNROLL,
     )
 
 
@@ -156,7 +174,12 @@ class GuideTask:
 
 
 def guide_instance(
-    nlp: Nlp, task: GuideTask, arrival: int, velocities: FloatArray, scale: float = 1.0
+    nlp: Nlp,
+    task: GuideTask,
+    arrival: int,
+    velocities: FloatArray,
+    scale: float = 1.0,
+    prior: FloatArray | None = None,
 ) -> Instances:
     """Instance that arrives at step `arrival`, with the path of `velocities` as initial guess.
 
@@ -170,7 +193,9 @@ def guide_instance(
     velocities : (arrival, 2)
         Initial guess; clipped to the box.
     scale : float
-        Factor of the objective, for solvers whose tolerances and barriers are absolute.
+        Factor of the risk, for solvers whose tolerances and barriers are absolute.
+    prior : (K,), optional
+        Probabilities of the cases of a program with several, positive.
     """
     horizon, length = nlp.parameters["weights"].shape[1], task.dt * task.v_max
     moving = np.arange(horizon) < arrival
@@ -189,6 +214,7 @@ def guide_instance(
             origin=task.start[None],
             length=length,
             clock=task.dt,
+            **({} if prior is None else {"log_prior": np.log(prior)[None]}),
         ),
         lbx=nlp.pack_variables(positions=-np.inf, velocities=-limit),
         ubx=nlp.pack_variables(positions=np.inf, velocities=limit),

@@ -5,6 +5,7 @@ from .acceleration_bound import (
     bound_with_acceleration,
 )
 from .level_game import PotentialFamily
+from .mixture_bound import MixtureBound, MixtureLevel, mixture_bound
 from .risk_bound import Certificate, Level, certify
 from .success_bound import SuccessBound
 from .two_members import PairBound, PairValueFunction, pair_bound, require_pair
@@ -14,6 +15,8 @@ __all__ = [
     "AccelerationLimits",
     "Certificate",
     "Level",
+    "MixtureBound",
+    "MixtureLevel",
     "PairBound",
     "PairValueFunction",
     "PotentialFamily",
@@ -21,6 +24,7 @@ __all__ = [
     "acceleration_limits",
     "bound_with_acceleration",
     "certify",
+    "mixture_bound",
     "pair_bound",
     "require_pair",
 ]

@@ -30,8 +30,9 @@ from ..chain.transition import SATURATION_TOL
 from ..compiled.kernels import contiguous
 from ..errors import EnvError
 from ..grid import Relaxation
+from ..guide.agent import initial_velocities
 from ..guide.guide import Guide
-from ..guide.plan import initial_velocities, plan
+from ..guide.plan import plan
 from ..hazard.compiled_rates import CompiledRates, compiled_rates
 from ..motion.planar_kernels import WIDTH
 from ..motion.step import Motion

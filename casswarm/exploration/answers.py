@@ -25,8 +25,9 @@ from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion
 from ..chain.transition import Lattice
 from ..errors import CasswarmError
 from ..guide import certify_guide
+from ..guide.agent import initial_velocities, plan_from
 from ..guide.guide import Guide
-from ..guide.plan import initial_velocities, plan, plan_from
+from ..guide.plan import plan
 from ..policies.base import Policy
 from ..policies.user import repeated
 from ..studies.inputs import resolve_policy

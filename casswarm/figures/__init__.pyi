@@ -12,6 +12,7 @@ from .image_files import (
     win_chart,
 )
 from .maps import comparison_map, cost_to_go_map, guide_map, joint_map, swarm_map
+from .mixtures import mixture_map
 from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table_2_chart
 from .success import (
     arrival_chart,
@@ -38,6 +39,7 @@ __all__ = [
     "guide_map",
     "infeasible_chart",
     "joint_map",
+    "mixture_map",
     "mpc_chart",
     "pair_chart",
     "player",

@@ -195,6 +195,8 @@ def box_extremum(
     values = np.ascontiguousarray(values[near.within(at)])
     for axis in reversed(range(values.ndim)):
         shape = values.shape
+        if each[axis] == 0 and shape[axis] == to.shape[axis]:
+            continue  # nothing to compare with
         split = math.prod(shape[:axis]), shape[axis], math.prod(shape[axis + 1 :])
         out = np.empty((*shape[:axis], to.shape[axis], *shape[axis + 1 :]))
         scratch = np.empty((2, shape[axis], LANES))
@@ -416,6 +418,18 @@ class Grid:
             for origin, first, count in zip(self.task.start, *nodes, strict=True)
         )
         return east, north
+
+    def restricted(self, active: tuple[tuple[BoolArray, ...], ...]) -> Grid:
+        """The active cells of every block, with the same spacing."""
+        blocks = tuple(
+            tuple(
+                part
+                for block, cells in zip(blocks, masks, strict=True)
+                for part in _split(CellBlock(block.first, cells))
+            )
+            for blocks, masks in zip(self.blocks, active, strict=True)
+        )
+        return replace(self, blocks=blocks)
 
     def halved(self, active: tuple[tuple[BoolArray, ...], ...]) -> Grid:
         """The active cells of every block with half the spacing, and half the stride if above 1."""

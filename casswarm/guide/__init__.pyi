@@ -1,14 +1,20 @@
+from .agent import initial_velocities, plan_from
+from .ambiguity import Ambiguity
+from .certificate import certify_guide
 from .frame import Frame
 from .guide import Candidate, Guide
+from .mixture import MixedGuide, plan_mixture
 from .multistart import GridPath, Multistart, best_homotopy_classes, homotopy_signature
 from .passes import coarsest_pass
-from .plan import certify_guide, initial_velocities, plan_baseline, plan_from
+from .plan import plan_baseline
 
 __all__ = [
+    "Ambiguity",
     "Candidate",
     "Frame",
     "GridPath",
     "Guide",
+    "MixedGuide",
     "Multistart",
     "best_homotopy_classes",
     "certify_guide",
@@ -17,4 +23,5 @@ __all__ = [
     "initial_velocities",
     "plan_baseline",
     "plan_from",
+    "plan_mixture",
 ]

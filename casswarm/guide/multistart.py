@@ -245,6 +245,8 @@ class Multistart:
     deadline : float
         Time of `time.monotonic` after which no solve starts; solvers that can limit their time end
         by then.
+    prior : (K,), optional
+        Of the cases, for a program with several.
     """
 
     scenario: Scenario
@@ -252,6 +254,7 @@ class Multistart:
     solver: Solver
     progress: Progress | None = None
     deadline: float = math.inf
+    prior: FloatArray | None = None
 
     @property
     def expired(self) -> bool:
@@ -327,16 +330,14 @@ class Multistart:
             self._report(name, detail)
 
     def _solve(self, name: str, start: InitialPath, steps: Sequence[int]) -> Iterator[Candidate]:
-        substeps = self.scenario.time.substeps
-        hazard = self.scenario.by_parts.hazard
-        nlp = guide_nlp(hazard, self.scenario.n_steps, substeps, self.task.disc)
+        nlp = self.program
         for number, arrival in enumerate(steps, 1):
             if self.expired:
                 return
             self._report_solve(name, arrival, f"{number} of {len(steps)}")
             guess = start(arrival, self.task.dt)
             scale = 1.0 if name == STRAIGHT else self._scale(guess)
-            instance = guide_instance(nlp, self.task, arrival, guess, scale)
+            instance = guide_instance(nlp, self.task, arrival, guess, scale, self.prior)
             solution = solve_by(self.deadline, self.solver, nlp, instance)
             residuals = replace(
                 solution.residuals,
@@ -351,8 +352,18 @@ class Multistart:
     def _scale(self, velocities: FloatArray) -> float:
         """Factor by which the risk of an initial path becomes `_SCALED_RISK`."""
         positions = integrate(self.task.start, velocities, self.task.dt)
-        risk = float(self.task.dt * self.scenario.rates_along(positions).sum())
+        risk = self.risk(positions)
         return _SCALED_RISK / risk if 0 < risk < np.inf else 1.0
+
+    @property
+    def program(self) -> Nlp:
+        """The program of all starts and arrival steps."""
+        hazard, time = self.scenario.by_parts.hazard, self.scenario.time
+        return guide_nlp(hazard, self.scenario.n_steps, time.substeps, self.task.disc)
+
+    def risk(self, positions: FloatArray) -> float:
+        """Objective of a path (T+1, 2) that arrives."""
+        return float(self.task.dt * self.scenario.rates_along(positions).sum())
 
     def _refine(self, name: str, start: InitialPath, outcomes: list[Candidate]) -> None:
         """Bisect the intervals of arrival steps next to the best one, and extend `outcomes`.
@@ -397,7 +408,7 @@ class Multistart:
         if inside.any() and solution.residuals.violation <= VIOLATION:
             first = int(inside.argmax()) + 1
             velocities, positions = velocities[:first], positions[: first + 1]
-            risk = float(task.dt * self.scenario.rates_along(positions).sum())
+            risk = self.risk(positions)
         homotopy = homotopy_signature(positions, _radars_along(hazard, len(positions)))
         return Candidate(name, arrival, homotopy, velocities, risk, solution)
 

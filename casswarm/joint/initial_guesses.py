@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..guide.agent import plan_from
 from ..guide.guide import Guide
 from ..guide.multistart import GRID_PATH, STRAIGHT
-from ..guide.plan import plan_from
 from ..motion.kinematics import integrate, interpolated, remaining_distance, resample
 from ..problems.joint import JointTask
 from ..problems.member_sets import subsets

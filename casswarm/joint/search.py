@@ -18,9 +18,10 @@ from .._util.settings import Execution, SavedKeywords, given_values
 from .._util.text import did_you_mean, shown
 from ..bounds.success_bound import success_bound
 from ..errors import PlanningError, ScenarioError, SolverError
+from ..guide.agent import initial_velocities
 from ..guide.frame import Frame
 from ..guide.guide import Guide
-from ..guide.plan import initial_velocities, plan
+from ..guide.plan import plan
 from ..motion.kinematics import integrate, interpolated
 from ..motion.step import Motion
 from ..problems.joint import OBJECTIVES, JointForm, JointTask

@@ -10,8 +10,9 @@ from .._util.text import did_you_mean, shown
 from ..errors import PolicyError
 from ..formation.task import LEADER_SELECTION
 from ..grid import ValueFunction
+from ..guide.agent import guide_solver, initial_velocities, papers_solver, plan_from
 from ..guide.guide import Guide
-from ..guide.plan import guide_solver, initial_velocities, papers_solver, plan, plan_from
+from ..guide.plan import plan
 from ..joint import PlanTree, plan_swarm
 from ..motion.step import Motion
 from ..scenario.scenario_files import require_scenario

@@ -19,8 +19,8 @@ import pandas as pd
 
 from ..formation import ProjectedGradient
 from ..formation.task import corridor_formation, leader_formation, nearest
+from ..guide.agent import initial_velocities
 from ..guide.guide import Guide
-from ..guide.plan import initial_velocities
 from ..motion.kinematics import integrate, resample
 from ..motion.step import Motion, Step
 from ..nlp.program import Instances, Nlp

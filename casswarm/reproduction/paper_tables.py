@@ -17,8 +17,9 @@ from ..chain.confidence import wilson
 from ..chain.monte_carlo import RunTrajectory
 from ..formation import ProjectedGradient
 from ..guide import homotopy_signature
+from ..guide.agent import guide_solver, initial_velocities
 from ..guide.guide import Guide
-from ..guide.plan import guide_solver, initial_velocities, plan
+from ..guide.plan import plan
 from ..motion.step import Motion
 from ..policies import NaivePolicy, Policy, make_policy, member_guides
 from ..scenario import Scenario, load_scenario

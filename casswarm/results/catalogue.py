@@ -17,6 +17,7 @@ from ..figures.maps import ending
 from ..figures.success import EXACT, PAIRED, kind_of_success
 from ..grid import CostToGoMap
 from ..guide.guide import Candidate, Guide
+from ..guide.mixture import MixedGuide
 from ..scenario import Scenario
 from ..typing import FloatArray
 
@@ -38,6 +39,11 @@ def plan_figures(
     if costs is not None:
         catalogue["cost-to-go"] = partial(figures.cost_to_go_map, scenario, costs, guide)
     return catalogue
+
+
+def mixture_figures(scenario: Scenario, mixed: MixedGuide) -> FigureCatalogue:
+    """Figure of a mixture of guides."""
+    return {"mixture": partial(figures.mixture_map, scenario, mixed)}
 
 
 def swarm_plan_figures(

@@ -39,12 +39,14 @@ from .._util.files import (
     time_stamp,
 )
 from .._util.text import did_you_mean
-from ..bounds import AccelerationBound, Certificate, Level, SuccessBound
+from ..bounds import AccelerationBound, Certificate, Level, MixtureBound, MixtureLevel, SuccessBound
 from ..chain.distribution import OutcomeDistribution
 from ..chain.monte_carlo import RunTrajectory
 from ..errors import CasswarmError, CheckpointError, FolderError
 from ..grid import CostToGoMap
+from ..guide.ambiguity import Ambiguity
 from ..guide.guide import Candidate, Guide
+from ..guide.mixture import MixedGuide
 from ..nlp.solution import Residuals, Solution, Status
 from ..typing import Progress
 from .drawing import FigureFormat, FigureProcess, drawn_files
@@ -446,6 +448,8 @@ class ResultsFolder:
             more = {"iterates": self.table("iterates")} if self.has_table("iterates") else {}
             return dict(figures(Comparison(self.table("runs"), no_problems, inputs, **more)))
         scenario, objects = self.scenario, self.objects
+        if "mixed" in objects:
+            return catalogue.mixture_figures(scenario, **objects)
         if self.command == "plan":
             return catalogue.plan_figures(scenario, **objects)
         if self.command == "plan-swarm":
@@ -467,11 +471,15 @@ _TYPES: dict[str, type[Any]] = {
     kind.__name__: kind
     for kind in (
         AccelerationBound,
+        Ambiguity,
         Candidate,
         Certificate,
         CostToGoMap,
         Guide,
         Level,
+        MixedGuide,
+        MixtureBound,
+        MixtureLevel,
         OutcomeDistribution,
         Residuals,
         RunTrajectory,

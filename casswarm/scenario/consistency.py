@@ -15,7 +15,7 @@ from .._util.numbers import CORE_FRACTION
 from .._util.text import counted
 from .._util.user_code import USER_ERRORS
 from . import members
-from .hazard_table import HazardTable
+from .hazard_table import HazardTable, of_cases
 from .sections import MOST_STEPS, Disc, GuideOptions, Swarm, Target, Time
 from .validation import as_text
 
@@ -46,28 +46,33 @@ def contradictions(
             f"{'' if arriving == scenario.n else ' that count (swarm.kinds)'}; lower it or add "
             "members"
         )
-    yield from _start_problems(scenario.swarm, scenario.target, scenario.hazard_table)
+    swarm, target = scenario.swarm, scenario.target
+    yield from of_cases(scenario.hazard_table, partial(_start_problems, swarm, target))
     yield from _reach_problems(scenario.swarm, scenario.target, scenario.time)
     yield from _margin_problems(scenario.guide, scenario.target)
     yield from _overlaps(scenario.target)
-    yield from _collision_problems(scenario.target, scenario.hazard_table)
-    yield from _zone_problems(scenario)
-    yield from _custom_hazard_problems(scenario, folder, allow_code)
+    yield from of_cases(scenario.hazard_table, partial(_collision_problems, target))
+    yield from of_cases(scenario.hazard_table, partial(_zone_problems, swarm))
+    custom = partial(_custom_hazard_problems, scenario, folder, allow_code)
+    yield from of_cases(scenario.hazard_table, custom)
 
 
 def doubts(scenario: Scenario) -> Iterator[str]:
     """Yield doubts about settings that are allowed in a scenario, but hardly meant."""
-    hazard, target = scenario.hazard_table, scenario.target
+    return of_cases(scenario.hazard_table, partial(_doubts, scenario.swarm, scenario.target))
+
+
+def _doubts(swarm: Swarm, target: Target, hazard: HazardTable) -> Iterator[str]:
     for first, second in _equal_points(hazard.radars):  # radars in time may take turns
         yield f"hazard.radars[{first}] and [{second}] are the same point: their rates are added"
     for k, zone in enumerate(hazard.zone):
         if any(zone.contains(disc.center) for disc in target.discs):
             yield f"hazard.zone[{k}] contains a target's centre, where members arrive"
-    for k, inside in enumerate(target.contains(scenario.hazard.radar_positions.reshape(-1, 2))):
+    for k, inside in enumerate(target.contains(np.reshape(hazard.starts, (-1, 2)))):
         if inside:
             yield f"hazard.radars[{k}] lies in the target zone, where members must arrive"
     if hazard.beta_1 is not None:
-        for first, second in _equal_points(scenario.swarm.positions):
+        for first, second in _equal_points(swarm.positions):
             yield (
                 f"swarm.positions[{first}] and [{second}] are the same point: these members "
                 "collide from the start"
@@ -207,12 +212,12 @@ def _collision_problems(target: Target, hazard: HazardTable) -> Iterator[str]:
         )
 
 
-def _zone_problems(scenario: Scenario) -> Iterator[str]:
+def _zone_problems(swarm: Swarm, hazard: HazardTable) -> Iterator[str]:
     """Members that start in a zone."""
-    for k, table in enumerate(scenario.hazard_table.zone):
+    for k, table in enumerate(hazard.zone):
         if any(table.problems("")):
             continue  # which are reported by the table
-        for i, position in enumerate(scenario.swarm.positions):
+        for i, position in enumerate(swarm.positions):
             if table.contains(position):
                 yield (
                     f"hazard.zone[{k}] contains swarm.positions[{i}] = {as_text(list(position))}; "
@@ -221,10 +226,9 @@ def _zone_problems(scenario: Scenario) -> Iterator[str]:
 
 
 def _custom_hazard_problems(
-    scenario: Scenario, folder: Path | None, allow_code: bool
+    scenario: Scenario, folder: Path | None, allow_code: bool, hazard: HazardTable
 ) -> Iterator[str]:
     """A function of the user that may not be run, cannot be imported, or fails at the start."""
-    hazard = scenario.hazard_table
     if not hazard.is_custom:
         return
     subject = f"hazard.kind is {as_text(hazard.kind)}"

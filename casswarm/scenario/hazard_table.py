@@ -46,6 +46,10 @@ _NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
 _RESERVED = ("positions", "alive", "radars")  # arguments that every custom hazard gets
 
 
+MOST_CASES = 100
+"""Largest number of tables `[[hazard.case]]`."""
+
+
 class FunctionName(str):
     """Name ``module:function`` of a function that a caller passed: its code is trusted."""
 
@@ -121,19 +125,23 @@ def _frozen(value: Any) -> Any:
     return tuple(_frozen(item) for item in value) if isinstance(value, list | tuple) else value
 
 
-class HazardTable(Table):
-    """Destruction rates of members: their kind, radars and constants."""
+_KIND = (
+    "'saturation' (Scenario I of the paper), 'saturation+collision' (Scenario II), or "
+    "'module:function', your own function (or class derived from Hazard) in a module beside the "
+    "scenario file, which is run only with --allow-code or allow_code=True."
+)
+Kind = Annotated[
+    str | Callable[..., Any],
+    PlainValidator(_checked_kind),
+    WithJsonSchema({"type": "string"}),
+    Allowed(KINDS),
+]
 
-    kind: Annotated[
-        str | Callable[..., Any],
-        PlainValidator(_checked_kind),
-        WithJsonSchema({"type": "string"}),
-        Allowed(KINDS),
-    ] = Field(
-        description="'saturation' (Scenario I of the paper), 'saturation+collision' (Scenario II), "
-        "or 'module:function', your own function (or class derived from Hazard) in a module beside "
-        "the scenario file, which is run only with --allow-code or allow_code=True."
-    )
+
+class HazardKeys(Table):
+    """Keys that describe destruction rates: of a hazard, and of one of its cases."""
+
+    kind: Kind | None = Field(None, examples=["saturation"], description=_KIND)
     radars: Annotated[
         tuple[Point, ...], Allowed("a list of [x, y] pairs of numbers, one for each radar")
     ] = Field(
@@ -226,6 +234,43 @@ class HazardTable(Table):
         )
 
     @property
+    def given(self) -> dict[str, Any]:
+        """Values of the keys of `HazardKeys` that have one."""
+        values = {key: getattr(self, key) for key in HazardKeys.model_fields}
+        return {key: value for key, value in values.items() if value not in (None, (), {})}
+
+
+class HazardCase(HazardKeys):
+    """A hazard that may be the true one: keys that differ from those of ``[hazard]``."""
+
+    weight: NotNegative = Field(
+        1.0, description="Prior weight of the case; weights are normalised."
+    )
+
+
+class HazardTable(HazardKeys):
+    """Destruction rates of members: their kind, radars and constants."""
+
+    kind: Kind = Field(description=_KIND)
+    case: Annotated[
+        tuple[HazardCase, ...],
+        Field(max_length=MOST_CASES),
+        Allowed(f"2 to {MOST_CASES} tables [[hazard.case]]"),
+    ] = Field(
+        (),
+        examples=[[{"radars": [[2.0, 3.0]]}, {"radars": [[-2.0, 3.0]], "weight": 2.0}]],
+        description="Hazards of which one is the true one, and nobody knows which, a table for "
+        "each: its weight, and the keys of [hazard] that differ.",
+    )
+
+    @property
+    def cases(self) -> tuple[HazardTable, ...]:
+        """The table of every case; itself without cases."""
+        if not self.case:
+            return (self,)
+        return tuple(HazardTable.model_construct(**self.given | one.given) for one in self.case)
+
+    @property
     def is_custom(self) -> bool:
         """True if the rates are a function of the user."""
         return not isinstance(self.kind, str) or self.kind not in CONSTANTS
@@ -282,8 +327,18 @@ class HazardTable(Table):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> HazardTable:
-        require_none(self._misplaced_keys() if self.is_custom else self._kernel_problems())
+        require_none(of_cases(self, lambda table: table._problems()))
+        require_none(self._weight_problems())
         return self
+
+    def _problems(self) -> Iterator[str]:
+        return self._misplaced_keys() if self.is_custom else self._kernel_problems()
+
+    def _weight_problems(self) -> Iterator[str]:
+        if len(self.case) == 1:
+            yield "hazard.case is a single table, so nothing is unknown: write its keys in [hazard]"
+        elif self.case and not sum(case.weight for case in self.case) > 0:
+            yield "hazard.case has weights that are all 0; give one of them a positive weight"
 
     def _misplaced_keys(self) -> Iterator[str]:
         if self.zone:
@@ -331,3 +386,18 @@ class HazardTable(Table):
                 f"hazard.strengths has {counted(len(self.strengths), 'number')} for "
                 f"{counted(k, 'radar')}; give one for each radar, or omit it"
             )
+
+
+def of_cases(
+    hazard: HazardTable, problems: Callable[[HazardTable], Iterator[str]]
+) -> Iterator[str]:
+    """Problems of the table of every case, each once, with the names of the keys of the case."""
+    seen = set()
+    for index, table in enumerate(hazard.cases):
+        own = "|".join(hazard.case[index].given) if hazard.case else ""
+        for message in problems(table):
+            name = rf"hazard.case[{index}].\1"
+            text = re.sub(rf"\bhazard\.({own})\b", name, message) if own else message
+            if text not in seen:
+                seen.add(text)
+                yield text

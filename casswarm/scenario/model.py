@@ -15,7 +15,9 @@ from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_
 
 from .._util.display import Displayed
 from .._util.text import counted, shown
+from ..errors import ScenarioError
 from ..typing import FloatArray
+from .cases import Case, cases_of, mean_table
 from .consistency import contradictions, core_radius, in_reach
 from .hazard_table import HazardTable
 from .members import most_favourable, with_accelerations, with_equal_members
@@ -163,10 +165,14 @@ class Scenario(Displayed, Table):
 
         Whether they can arrive, and are enough for a success, is not checked.
         """
+        return self._constructed(swarm=self.swarm.of_rows(rows))
+
+    def _constructed(self, **tables: Table) -> Scenario:
+        """A copy with other tables, which is not validated."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
-        some = type(self).model_construct(**fields | {"swarm": self.swarm.of_rows(rows)})
-        some._context = self._context
-        return some
+        other = type(self).model_construct(**fields | tables)
+        other._context = self._context
+        return other
 
     @cached_property
     def for_guide(self) -> Scenario:
@@ -214,14 +220,48 @@ class Scenario(Displayed, Table):
 
     @cached_property
     def hazard(self) -> Hazard:
-        """Destruction rates of the members."""
-        apart = core_radius(self.target, self.hazard_table)
-        hazard = self.hazard_table.build(apart, self._context.get("folder"), self.time.dt)
+        """Destruction rates of the members, those of the only case.
+
+        Raises
+        ------
+        ScenarioError
+            Several cases.
+        """
+        if len(self.cases) > 1:
+            raise ScenarioError(
+                f"scenario '{self.name}' has {len(self.cases)} cases of its hazard "
+                "(hazard.case), and this treats a hazard that is known: take one of them, "
+                "scenario.cases[k].scenario, or plan a mixture of guides with ambiguity=",
+                key="hazard.case",
+                value=len(self.cases),
+            )
+        table = self.hazard_table.cases[0]
+        apart = core_radius(self.target, table)
+        hazard = table.build(apart, self._context.get("folder"), self.time.dt)
         factors = [kind.factors for kind in self.swarm.member_kinds]
         if all(each == (1.0, 1.0) for each in factors):
             return hazard
         exposures, densities = zip(*factors, strict=True)
         return hazard.with_members(exposures, densities)
+
+    @cached_property
+    def cases(self) -> tuple[Case, ...]:
+        """The distinct cases of the hazard, of which one is the true one; itself if it is known."""
+        return cases_of(self)
+
+    def with_hazard_table(self, table: HazardTable) -> Scenario:
+        """The scenario with another hazard, which is not checked against the rest."""
+        return self._constructed(hazard_table=table)
+
+    def of_mean_rates(self, weights: ArrayLike) -> Scenario:
+        """The scenario with the weighted mean (K,) of the rates of its cases, where it has a kind.
+
+        Raises
+        ------
+        ScenarioError
+            Rates of users, or cases that differ in more than radars, zones and their strengths.
+        """
+        return self.with_hazard_table(mean_table(self, weights))
 
     def replace(self, **tables: Unpack[Changes]) -> Scenario:
         """Copy of the scenario with other values in its tables, validated again.
@@ -421,8 +461,10 @@ class Scenario(Displayed, Table):
         These are points (m, 2); the map has a margin around them.
         """
         center = np.array([disc.center for disc in self.target.discs])
-        zones = [zone.corners for zone in self.hazard_table.zone]
-        radars = self.hazard.radar_positions.reshape(-1, 2), *self._radar_paths
+        tables, scenarios = self.hazard_table.cases, [case.scenario for case in self.cases]
+        zones = [zone.corners for table in tables for zone in table.zone]
+        radars = [each.hazard.radar_positions.reshape(-1, 2) for each in scenarios]
+        radars += [path for each in scenarios for path in each._radar_paths]
         points = np.vstack([*contents, center, *radars, *zones])
         low, high = points.min(axis=0), points.max(axis=0)
         pad = _MAP_PAD * float(np.max(high - low)) + self.target.radius
@@ -431,7 +473,7 @@ class Scenario(Displayed, Table):
     @cached_property
     def _radar_paths(self) -> list[FloatArray]:
         """Positions of the radars after every step, where they move."""
-        moves = self.hazard_table.radar and self.hazard.changes
+        moves = self.hazard.changes and self.hazard_table.cases[0].radar
         steps = range(1, self.n_steps + 1) if moves else ()
         return [self.hazard.after(step).radar_positions for step in steps]
 
@@ -440,6 +482,9 @@ class Scenario(Displayed, Table):
         for name in ("swarm", "target", "hazard"):
             given = data[name].items()
             data[name] = {key: value for key, value in given if value not in ((), {})}
+        for case in data["hazard"].get("case", ()):
+            for key in [key for key, value in case.items() if value in ((), {})]:
+                del case[key]
         return data
 
     def _values(self) -> tuple[object, ...]:

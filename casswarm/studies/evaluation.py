@@ -29,8 +29,9 @@ from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, sa
 from ..chain.gradient import success_and_gradient
 from ..chain.monte_carlo import Chain
 from ..errors import CasswarmWarning, PolicyError
+from ..guide.agent import initial_velocities
 from ..guide.guide import Guide
-from ..guide.plan import initial_velocities, plan
+from ..guide.plan import plan
 from ..policies import make_policy
 from ..policies.parametric import ParametricPolicy
 from ..policies.user import repeated

@@ -16,8 +16,9 @@ from .._util.text import quoted
 from .._util.user_code import code_hash
 from ..chain.transition import Lattice
 from ..errors import CasswarmWarning, PolicyError
+from ..guide.agent import guide_solver, initial_velocities
 from ..guide.guide import Guide
-from ..guide.plan import guide_solver, initial_velocities, plan
+from ..guide.plan import plan
 from ..hazard import CustomHazard, Hazard
 from ..policies import as_policy, make_policy
 from ..policies.base import Policy

@@ -20,7 +20,8 @@ from ..comparison.problem import Problem
 from ..errors import ComparisonError
 from ..formation import Auto
 from ..formation.task import corridor_formation
-from ..guide.plan import plan, plan_from
+from ..guide.agent import plan_from
+from ..guide.plan import plan
 from ..hazard import Saturation
 from ..motion.planar import PlanarSets
 from ..motion.step import Motion, Step

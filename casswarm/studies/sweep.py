@@ -23,8 +23,9 @@ from .._util.progress import reporter
 from .._util.settings import EXACT, SAVED, Accuracy, Execution, Keywords, given_values
 from .._util.text import counted
 from ..errors import CasswarmError, ScenarioError
+from ..guide.agent import guide_solver
 from ..guide.guide import Guide
-from ..guide.plan import guide_solver, plan
+from ..guide.plan import plan
 from ..policies.base import Policy
 from ..scenario.scenario_files import require_scenario
 from ..scenario.validation import NO_SUCH_KEY

@@ -16,6 +16,7 @@ from ..chain.distribution import Estimate, OutcomeDistribution
 from ..chain.monte_carlo import Runs, RunTrajectory
 from ..chain.transition import COUNTS
 from ..guide.guide import Guide
+from ..guide.mixture import MixedGuide
 from ..joint.swarm_plan import SwarmPlan
 from ..typing import FloatArray
 
@@ -363,6 +364,22 @@ def path_table(kinds: Mapping[str, Mapping[str, FloatArray]]) -> pd.DataFrame:
         for step, (x, y) in enumerate(path)
     ]
     return pd.DataFrame(rows, columns=["kind", "name", "step", "x", "y"])
+
+
+def mixture_table(mixed: MixedGuide) -> pd.DataFrame:
+    """Paths of a mixture, a row each: weight, arrival, and survival_k in every case k.
+
+    The last row is of the mixture.
+    """
+    survivals = mixed.survivals
+    rows: list[dict[str, Any]] = [
+        {"path": f"path {k}", "weight": weight, "arrival": path.arrival}
+        for k, (path, weight) in enumerate(zip(mixed.paths, mixed.weights, strict=True))
+    ]
+    rows.append({"path": "mixture", "weight": 1.0, "arrival": None})
+    for row, values in zip(rows, [*survivals, mixed.survival], strict=True):
+        row |= {f"survival_{k}": float(value) for k, value in enumerate(values)}
+    return pd.DataFrame(rows).astype({"arrival": "Int64"})
 
 
 def guide_comparison_table(guides: Mapping[str, Guide]) -> pd.DataFrame:

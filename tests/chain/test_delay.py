@@ -13,7 +13,7 @@ from small_scenarios import abreast, pair
 
 import casswarm as csw
 from casswarm.errors import ScenarioError
-from casswarm.guide.plan import initial_velocities
+from casswarm.guide.agent import initial_velocities
 
 Array = NDArray[np.float64]
 POLICIES = ("naive", "leader", "constrained")

@@ -16,7 +16,7 @@ from small_scenarios import BESIDE, abreast, colliding, pair, small
 import casswarm as csw
 from casswarm.errors import ScenarioError
 from casswarm.formation.task import LEADER_SELECTION
-from casswarm.guide.plan import initial_velocities
+from casswarm.guide.agent import initial_velocities
 from casswarm.motion import Motion, Step
 from casswarm.policies.formation_policies import LeaderPolicy
 from casswarm.scenario.variations import with_parameters

@@ -1,0 +1,350 @@
+"""Upper bounds on the mean survival over cases of every path, on nodes and beliefs.
+
+``docs/unknown-hazards.md`` proves them. With weights q of K cases and what a visit leaves of each,
+the value of a path is convex and not increasing in its K risks, so a path that is rounded to nodes
+with one random offset has at least its value in the mean. The value after a visit, (A3),
+
+    G_t(n, q) = max over n' within reach of n of H_(t+1)(n', q),
+    H_t(n, q) = max(sum_k q_k exp(-lambda_k(n) - phi(n)), G_t(n, q exp(-lambda(n)))),
+
+is convex in q and homogeneous, so it is below its interpolation on a triangulated simplex.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from itertools import product
+
+import numpy as np
+
+from ..compiled.parallel import execute
+from ..grid.belief_kernels import Simplex, write_values, write_visits
+from ..grid.dynamic_programming import START, Node, StageCosts, costs_to_come, rounding
+from ..grid.nodes import UNIT, Grid, NodeBlock, Relaxation, corners, extremum_within_reach
+from ..typing import BoolArray, FloatArray
+from .refinement import Clock, refined
+
+MAX_CASES = 4
+"""Largest number of cases of a bound by beliefs."""
+
+DIVISIONS = {1: 1, 2: 32, 3: 12, 4: 8}
+"""Divisions of a side of the first simplex by the number of cases, of which they are multiples."""
+
+FIRST_VALUES = 2_000_000  # nodes times beliefs of the first grid, if its reach can be chosen so
+MAX_VALUES = 150_000_000  # of any grid
+_STALLED = 0.1  # part of the gap that a refinement closes at least, or another kind is tried
+_ROWS = 64  # of nodes that are worth a thread
+
+
+@lru_cache(maxsize=8)
+def simplex(cases: int, divisions: int) -> Simplex:
+    """The points of the simplex with coordinates that are multiples of 1 / `divisions`."""
+    m = divisions
+    tails = [t for t in product(range(m + 1), repeat=cases - 1) if list(t) == sorted(t)[::-1]]
+    points = -np.diff(np.array([(m, *t, 0) for t in tails], float), axis=1) / m
+    numbers = np.full((m + 1) ** (cases - 1), -1)
+    strides = [(m + 1) ** power for power in reversed(range(cases - 1))]
+    numbers[[sum(t * s for t, s in zip(tail, strides, strict=True)) for tail in tails]] = range(
+        len(tails)
+    )
+    return Simplex(np.ascontiguousarray(points), numbers, m)
+
+
+@dataclass(frozen=True)
+class MixtureLevel:
+    """Grid of a refinement.
+
+    Parameters
+    ----------
+    reach : int
+        Nodes by which a coordinate changes in a step.
+    spacing : float
+        Side of a cell, in units of length.
+    nodes, beliefs : int
+        Number of nodes over all steps, and of weights at each.
+    bound : float
+        Upper bound on the value of any path, from the grids so far.
+    seconds : float
+        Since the start of the refinement.
+    """
+
+    reach: int
+    spacing: float
+    nodes: int
+    beliefs: int
+    bound: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class MixtureBound:
+    """Upper bound on sum_k q_k exp(-R_k) of every path, for a prior q.
+
+    Parameters
+    ----------
+    value : float
+        No path within the limits of speed that is in the target by the last step has more.
+    prior : tuple of float
+    reason : str
+        Why the refinement ended.
+    levels : tuple of MixtureLevel
+    seconds : float
+    """
+
+    value: float
+    prior: tuple[float, ...]
+    reason: str
+    levels: tuple[MixtureLevel, ...] = field(default=(), repr=False)
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class BeliefProgram:
+    """Dynamic program on the nodes of a grid and beliefs about K cases.
+
+    Parameters
+    ----------
+    tasks : sequence of Relaxation
+        Of the cases, which differ by their rates.
+    grid : Grid
+    prior : (K,)
+        Positive; beliefs are in units of it, so that it is a point of the simplex.
+    divisions : int
+        Of a side of the simplex.
+    multiplier : float
+        Of the arrival, for all cases: see `StageCosts`.
+    certified : bool
+        Whether values are upper bounds, or those of paths on nodes up to interpolation.
+    """
+
+    tasks: Sequence[Relaxation]
+    grid: Grid
+    prior: FloatArray
+    divisions: int
+    multiplier: float = 0.0
+    certified: bool = True
+
+    @cached_property
+    def costs(self) -> list[StageCosts]:
+        """Costs of visits and stops of every case."""
+        grids = [replace(self.grid, task=task) for task in self.tasks]
+        return [
+            StageCosts(grid, self.certified, self.multiplier, inside=not self.certified)
+            for grid in grids
+        ]
+
+    @cached_property
+    def simplex(self) -> Simplex:
+        """Beliefs at every node."""
+        return simplex(len(self.tasks), self.divisions)
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.grid.size * len(self.simplex.points)
+
+    def factors(self, sample: int, block: int) -> FloatArray:
+        """What a visit to every node of a block leaves of each weight, (P, K)."""
+        return np.stack([np.exp(-c.nodes[sample][block]).ravel() for c in self.costs], axis=1)
+
+    def stop(self, nodes: NodeBlock) -> FloatArray:
+        """What stopping at the nodes of a block leaves of every weight, (P,)."""
+        return np.exp(-self.costs[0].terminal(nodes)).ravel()
+
+    def backwards(self) -> Generator[tuple[int, list[FloatArray], list[FloatArray]], None, None]:
+        """Samples from the last one, with G and H at the nodes of every block, (P, B) each."""
+        beliefs, windows = len(self.simplex.points), [(*w, 0) for w in self.grid.windows]
+        values: list[FloatArray] = []
+        blocks: list[NodeBlock] = []
+        for sample in reversed(range(len(self.grid.nodes))):
+            after, visits = [], []
+            for number, nodes in enumerate(self.grid.nodes[sample]):
+                to_go = _greatest(values, blocks, _with(nodes, beliefs), windows)
+                out = np.empty_like(to_go)
+                visit = self.stop(nodes), self.factors(sample, number), self.prior, self.simplex
+                execute(write_visits, len(out), (to_go, *visit, out), _ROWS)
+                after.append(to_go)
+                visits.append(out)
+            shapes = [_with(nodes, beliefs) for nodes in self.grid.nodes[sample]]
+            values = [v.reshape(s.shape) for v, s in zip(visits, shapes, strict=True)]
+            blocks = shapes
+            yield sample, after, visits
+
+    def at(self, to_go: FloatArray, stop: FloatArray, left: FloatArray) -> FloatArray:
+        """Values (P,) after visits that leave the parts (P, K) of the prior, with G in `to_go`."""
+        out = np.empty(len(left))
+        write_values(to_go, stop, left, self.prior, self.simplex, out)
+        return out
+
+    def from_start(self, visits: list[FloatArray]) -> float:
+        """Value at the start, from H of the first sample."""
+        beliefs, first = len(self.simplex.points), self.grid.nodes[0]
+        shapes = [_with(nodes, beliefs) for nodes in first]
+        values = [v.reshape(s.shape) for v, s in zip(visits, shapes, strict=True)]
+        windows = [(*w, 0) for w in self.grid.windows]
+        to_go = _greatest(values, shapes, _with(START, beliefs), windows)
+        stop = self.stop(START) if self.grid.stride > 1 else np.zeros(1)
+        return float(self.at(to_go, stop, np.ones((1, len(self.prior))))[0])
+
+
+def _with(nodes: NodeBlock, beliefs: int) -> NodeBlock:
+    """A block of nodes with an axis of beliefs."""
+    return NodeBlock((*nodes.first, 0), (*nodes.shape, beliefs))
+
+
+def _greatest(
+    values: list[FloatArray],
+    blocks: list[NodeBlock],
+    to: NodeBlock,
+    windows: Sequence[tuple[int, ...]],
+) -> FloatArray:
+    """Greatest value (P, B) within reach of every node, 0 where there is none."""
+    found = np.zeros(to.shape)
+    for window in windows:
+        near = extremum_within_reach(values, blocks, to, window, largest=True)
+        np.maximum(found, near, out=found)
+    return found.reshape(-1, to.shape[-1])
+
+
+def mixture_bound(
+    tasks: Sequence[Relaxation],
+    prior: FloatArray,
+    known: float,
+    multiplier: float = 0.0,
+    *,
+    gap: float,
+    time_limit: float,
+) -> MixtureBound:
+    """Bound on the value of every path, refined until it is within `gap` of the known one.
+
+    Parameters
+    ----------
+    tasks : sequence of K Relaxation
+        Of the cases; their hazards provide lower bounds of rates.
+    prior : (K,)
+        Positive.
+    known : float
+        A lower bound of the greatest value, of paths or mixtures of them.
+    multiplier : float
+        Of the arrival; any value from 0 is valid.
+    gap : float
+        Value of (bound - known) / bound at which to stop.
+    time_limit : float
+        Seconds; no grid is begun that is expected to exceed them.
+    """
+    clock, divisions = Clock(time.monotonic() + time_limit), DIVISIONS[len(tasks)]
+    beliefs = len(simplex(len(tasks), divisions).points)
+    grid = Grid.finest(tasks[0], FIRST_VALUES // beliefs)
+    program = BeliefProgram(tasks, grid, prior, divisions, multiplier)
+    levels, reason = refined(
+        _levels(program, known, gap, clock),
+        f"the next grid would exceed the time limit of {time_limit:.3g} s",
+    )
+    value = levels[-1].bound if levels else 1.0
+    return MixtureBound(value, tuple(prior.tolist()), reason, levels, clock.seconds)
+
+
+def _levels(
+    program: BeliefProgram, known: float, gap: float, clock: Clock
+) -> Generator[MixtureLevel, None, str]:
+    """Grids of a refinement, each with the bound so far; why there is no other one.
+
+    Nodes are refined until that closes little of the gap, then beliefs, and so on in turn.
+    """
+    bound, finer_beliefs = 1.0, False
+    while True:
+        grid, before = program.grid, bound
+        slack = _slack(program, bound)
+        value, through = _swept(program)
+        bound = min(bound, max(known, value) + slack)
+        sizes = grid.size, len(program.simplex.points)
+        yield MixtureLevel(grid.reach, grid.spacing, *sizes, bound, clock.seconds)
+        if bound - known <= gap * bound:
+            return f"the gap of {gap:g} is reached"
+        if bound - known <= 4 * slack:
+            return "the remaining gap is within rounding errors"
+        active = tuple(
+            tuple(
+                block.cells & _any_above(block.nodes, values, known - slack, grid.stride)
+                for block, values in zip(blocks, sample, strict=True)
+            )
+            for blocks, sample in zip(grid.blocks, through, strict=True)
+        )
+        if before - bound < _STALLED * (before - known) and len(program.tasks) > 1:
+            finer_beliefs = not finer_beliefs
+        if finer_beliefs:
+            finer = replace(program, grid=grid.restricted(active), divisions=2 * program.divisions)
+        else:
+            finer = replace(program, grid=grid.halved(active))
+        if finer.size > MAX_VALUES:
+            return f"the next grid has more than {MAX_VALUES:,} values"
+        clock.begin(finer.size / max(program.size, 1))
+        program = finer
+
+
+def _any_above(nodes: NodeBlock, values: FloatArray, limit: float, stride: int) -> BoolArray:
+    """Cells with a corner whose value is above a limit; all of them with a stride above 1."""
+    inside = values.reshape(nodes.shape) if stride == 1 else np.full(nodes.shape, np.inf)
+    return np.asarray(np.any([corner > limit for corner in corners(inside)], axis=0))
+
+
+def _swept(program: BeliefProgram) -> tuple[float, list[list[FloatArray]]]:
+    """Value at the start, and bounds on that of the paths through every node, by sample.
+
+    A path through a node arrives there with at most what the least risk in each case leaves.
+    """
+    grid, come = program.grid, [list(costs_to_come(costs)) for costs in program.costs]
+    through: list[list[FloatArray]] = [[] for _ in grid.nodes]
+    first: list[FloatArray] = []
+    for sample, after, visits in program.backwards():
+        first = visits
+        for number, nodes in enumerate(grid.nodes[sample]):
+            left = [np.exp(-case[sample][number]).ravel() for case in come]
+            arriving = np.stack(left, axis=1) * program.factors(sample, number)
+            through[sample].append(program.at(after[number], program.stop(nodes), arriving))
+    return program.from_start(first), through
+
+
+def _slack(program: BeliefProgram, bound: float) -> float:
+    """More than the rounding errors of a value: of risks, products, and places among beliefs.
+
+    R exp(-R) is at most 1 / e, so an error of a risk relative to R moves a survival by less than
+    as much.
+    """
+    worst = max(rounding(costs, 1.0) for costs in program.costs)
+    steps = len(program.grid.nodes)
+    largest = math.exp(program.costs[0].max_terminal)
+    places = 64 * len(program.tasks) * (program.simplex.divisions + 1)
+    return UNIT * steps * (64 + places) * largest * max(bound, UNIT) + worst * largest
+
+
+def best_belief_path(program: BeliefProgram) -> list[Node]:
+    """Nodes of a path from the start that follows the greatest values, its weights exact."""
+    after: list[list[FloatArray]] = [[] for _ in program.grid.nodes]
+    for sample, to_go, _ in program.backwards():
+        after[sample] = to_go
+    path, left, stopping = [(0, 0)], np.ones(len(program.prior)), 0.0
+    for sample, blocks in enumerate(program.grid.nodes):
+        best, following = stopping * (1 + 1e-12), None
+        for (number, block), window in product(enumerate(blocks), program.grid.windows):
+            near = NodeBlock(path[-1], (1, 1)).grown(window).common(block)
+            if 0 in near.shape:
+                continue
+            rows = np.arange(block.size).reshape(block.shape)[near.within(block)].ravel()
+            parts = left * program.factors(sample, number)[rows]
+            values = program.at(after[sample][number][rows], program.stop(near), parts)
+            at = int(values.argmax())
+            if values[at] > best:
+                i, j = divmod(at, near.shape[1])
+                best, following = float(values[at]), (near.first[0] + i, near.first[1] + j)
+                remaining = parts[at]
+        if following is None:
+            break
+        path.append(following)
+        left = remaining
+        stopping = float(program.prior @ left * program.stop(NodeBlock(following, (1, 1)))[0])
+    return path

@@ -1,0 +1,155 @@
+"""Sets of priors over cases, the worst prior of each, and mixtures that are best against it.
+
+A set Q lies in the simplex of K priors. The least mean of values, min over q in Q of sum_k q_k S_k,
+has a closed form for each of them; the best mixture of paths with survivals s_k(w) is a matrix game
+over Q, a linear program.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.sparse import bmat, csr_matrix, eye
+
+from .._util.text import shown
+from ..errors import PlanningError
+from ..typing import FloatArray
+
+Name: TypeAlias = Literal["mean", "worst", "cvar", "tv"]
+AmbiguityLike: TypeAlias = Literal["mean", "worst"] | tuple[Literal["cvar", "tv"], float]
+"""What `plan` takes: the name of a set of priors, with its parameter if it has one."""
+
+_ALLOWED = (
+    "'mean', 'worst', ('cvar', a) with a level a above 0 and at most 1, or ('tv', r) with a "
+    "distance r from 0 to 2"
+)
+
+
+@dataclass(frozen=True)
+class Ambiguity:
+    """A set Q of priors.
+
+    Parameters
+    ----------
+    name : {"mean", "worst", "cvar", "tv"}
+        The prior p alone; all priors; q <= p / a, the mean over the worst fraction a of cases; or
+        sum_k abs(q_k - p_k) <= r.
+    parameter : float
+        a or r; 0 for the others.
+
+    Raises
+    ------
+    PlanningError
+        In `of`: no such set.
+    """
+
+    name: Name
+    parameter: float = 0.0
+
+    @classmethod
+    def of(cls, value: AmbiguityLike | Ambiguity) -> Ambiguity:
+        """The set of a value that `plan` takes."""
+        if isinstance(value, Ambiguity):
+            return value
+        if value in ("mean", "worst"):
+            return cls(value)  # type: ignore[arg-type]
+        if isinstance(value, tuple) and len(value) == 2 and value[0] in ("cvar", "tv"):
+            name, parameter = value
+            number = isinstance(parameter, int | float) and not isinstance(parameter, bool)
+            low, high = (1e-9, 1.0) if name == "cvar" else (0.0, 2.0)
+            if number and low <= parameter <= high:
+                return cls(name, float(parameter))
+        raise PlanningError(
+            f"ambiguity = {shown(value)}; allowed: {_ALLOWED}", ambiguity=value, allowed=_ALLOWED
+        )
+
+    def __str__(self) -> str:
+        return self.name if self.name in ("mean", "worst") else f"{self.name} {self.parameter:g}"
+
+    def worst_prior(self, values: FloatArray, prior: FloatArray) -> FloatArray:
+        """The prior (K,) in Q with the least mean of values (K,), of ties the first."""
+        order = np.argsort(values, kind="stable")
+        worst = np.zeros_like(prior)
+        if self.name == "mean":
+            worst = prior.copy()
+        elif self.name == "worst":
+            worst[order[0]] = 1.0
+        elif self.name == "cvar":  # as much as is allowed on the least values
+            limits = prior[order] / self.parameter
+            before = np.concatenate([[0.0], np.cumsum(limits)[:-1]])
+            worst[order] = np.clip(1.0 - before, 0.0, limits)
+        else:  # half the distance moves from the largest values to the least one
+            taken = np.concatenate([[0.0], np.cumsum(prior[order[::-1]])])
+            moved = np.clip(self.parameter / 2 - taken[:-1], 0.0, prior[order[::-1]])
+            worst[order[::-1]] = prior[order[::-1]] - moved
+            worst[order[0]] += moved.sum()
+        return worst
+
+    def least(self, values: FloatArray, prior: FloatArray) -> float:
+        """Least mean of values (K,) over Q."""
+        return float(self.worst_prior(values, prior) @ values)
+
+    def contains(self, weights: FloatArray, prior: FloatArray) -> bool:
+        """Return True if weights (K,) are a prior in Q, but for the rounding of their sum."""
+        if weights.min() < 0 or abs(weights.sum() - 1.0) > 1e-14 * len(weights):
+            return False
+        if self.name == "worst":
+            return True
+        if self.name == "cvar":
+            return bool((weights <= prior / self.parameter).all())
+        return float(np.abs(weights - prior).sum()) <= (self.parameter if self.name == "tv" else 0)
+
+    def inside(self, weights: FloatArray, prior: FloatArray) -> FloatArray:
+        """The nearest prior in Q on the way from weights (K,), a solver's answer, to `prior`."""
+        weights = np.maximum(weights, 0.0) / np.maximum(weights, 0.0).sum()
+        for share in (0.0, *10.0 ** np.arange(-14, 0)):
+            mixed = (1 - share) * weights + share * prior
+            mixed /= mixed.sum()
+            if self.contains(mixed, prior):
+                return np.asarray(mixed)
+        return prior
+
+    def game(self, survivals: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Best mixture (P,) of paths with survivals (P, K), and the worst prior (K,) for it.
+
+        The program minimises t over q in Q with t >= sum_k q_k s_k(w) for all w: the multipliers
+        of these rows are the mixture.
+        """
+        paths, cases = survivals.shape
+        largest = float(survivals.max()) or 1.0
+        rows, limits = self._rows(prior)
+        extra = rows.shape[1] - cases if rows is not None else 0
+        payoffs = csr_matrix(
+            np.hstack([survivals / largest, np.zeros((paths, extra)), -np.ones((paths, 1))])
+        )
+        parts: list[Any] = [[payoffs]]
+        if rows is not None:
+            parts.append([bmat([[rows, csr_matrix((rows.shape[0], 1))]])])
+        answer = linprog(
+            np.append(np.zeros(cases + extra), 1.0),
+            A_ub=bmat(parts).tocsr(),
+            b_ub=np.append(np.zeros(paths), limits),
+            A_eq=csr_matrix(np.append(np.append(np.ones(cases), np.zeros(extra)), 0.0)[None]),
+            b_eq=[1.0],
+            bounds=[(0, None)] * (cases + extra) + [(None, None)],
+            method="highs",
+        )
+        if answer.status != 0:
+            raise PlanningError(f"no mixture found: {answer.message}", ambiguity=str(self))
+        weights = np.maximum(-answer.ineqlin.marginals[:paths], 0.0)
+        return weights / weights.sum(), self.inside(answer.x[:cases], prior)
+
+    def _rows(self, prior: FloatArray) -> tuple[Any, FloatArray]:
+        """Rows A and limits b with A (q, u) <= b, u further variables; none for all priors."""
+        cases = len(prior)
+        unit = eye(cases)
+        if self.name == "worst":
+            return None, np.empty(0)
+        if self.name == "tv":  # u_k >= abs(q_k - p_k)
+            total = csr_matrix(np.append(np.zeros(cases), np.ones(cases))[None])
+            rows = bmat([[unit, -unit], [-unit, -unit]])
+            return bmat([[rows], [total]]), np.concatenate([prior, -prior, [self.parameter]])
+        return unit, prior / (self.parameter if self.name == "cvar" else 1.0)

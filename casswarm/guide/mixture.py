@@ -1,0 +1,420 @@
+"""Guides for a hazard that is not known: mixtures of paths that are best against a set of priors.
+
+A single agent observes only that it lives, so a policy is a path, or a distribution over paths that
+is drawn before the start. Against all priors in Q, the best mixture is the solution of a matrix
+game over paths, which are added one by one: the best path against the worst prior so far, by the
+guide's program with the objective of several cases. ``docs/unknown-hazards.md`` has the theory.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from typing_extensions import override
+
+from .._util.display import Displayed
+from .._util.numbers import rounded_up
+from .._util.text import counted
+from ..bounds import MixtureBound, mixture_bound
+from ..bounds.mixture_bound import DIVISIONS, MAX_CASES, BeliefProgram, best_belief_path, simplex
+from ..bounds.risk_bound import arrival_multiplier
+from ..errors import PlanningError
+from ..grid.nodes import Grid, Relaxation
+from ..motion.kinematics import integrate
+from ..nlp.program import Nlp
+from ..problems.guide import GuideTask, guide_nlp
+from ..scenario import Scenario
+from ..scenario.variations import require_default
+from ..solvers import Solver, make_solver
+from ..typing import FloatArray, Interval, Progress
+from .agent import plan_from
+from .ambiguity import Ambiguity, AmbiguityLike
+from .certificate import TIME_LIMIT, certify_guide
+from .guide import Candidate, Guide
+from .multistart import GridPath, Multistart
+
+_LEAST = 1e-6  # prior of a case in the program, whose logarithm is taken
+_ROUNDS = 40  # of adding paths
+_ENOUGH = 1e-6  # relative gain of a path from which it is added
+_SEARCHED = 1_500_000  # values of the dynamic program that finds paths
+_SUPPORT = 1e-9  # weight of a path that counts
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MixedGuide(Displayed):
+    """A distribution over guides for a hazard that is not known, and what it is worth.
+
+    Parameters
+    ----------
+    paths : tuple of Guide
+        Guides of positive weight, the likeliest first. Their rates are the prior means of those of
+        the cases.
+    weights : (P,)
+        Probability of each, by which one is drawn before the start.
+    survivals : (P, K)
+        Survival of every path in every case.
+    prior : (K,)
+        Weights of the cases.
+    ambiguity : Ambiguity
+        The set Q of priors that are possible.
+    value : Interval
+        Least mean survival over Q of the best mixture: the value of this mixture below, a proven
+        bound above, 1 if there is none.
+    worst_prior : (K,)
+        The prior in Q against which no path is better than the bound.
+    pure : Guide
+        The best single guide that is known.
+    pure_value : float
+        Its least mean survival over Q.
+    known : (K,)
+        Survival of the best known guide of every case, for an agent that knows the case.
+    bound : MixtureBound, optional
+        Details of the proof, up to four cases.
+    note : str
+        How the bound is proven, or why there is none.
+    """
+
+    paths: tuple[Guide, ...]
+    weights: FloatArray
+    survivals: FloatArray
+    prior: FloatArray
+    ambiguity: Ambiguity
+    value: Interval
+    worst_prior: FloatArray
+    pure: Guide
+    pure_value: float
+    known: FloatArray
+    bound: MixtureBound | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", Interval(*self.value))  # read back, it is a tuple
+
+    @classmethod
+    def of_guide(cls, guide: Guide, ambiguity: Ambiguity) -> MixedGuide:
+        """The mixture of one guide for a hazard that is known."""
+        survival, one = guide.survival, np.ones(1)
+        high = 1.0 if guide.survival_bound is None else max(guide.survival_bound, survival)
+        value, alone = Interval(survival, high), np.array([survival])
+        parts = one, alone[None], one, ambiguity, value, one, guide, survival, alone
+        return cls((guide,), *parts, note="the hazard has one case")
+
+    @property
+    def survival(self) -> FloatArray:
+        """Survival (K,) of the mixture in every case."""
+        return self.weights @ self.survivals
+
+    @property
+    def gap(self) -> float:
+        """(high - low) / high of the value."""
+        return self.value.width / self.value.high if self.value.high > 0 else 0.0
+
+    @property
+    def known_value(self) -> float:
+        """Least mean survival over Q of an agent that knows the case, by the guides of `known`."""
+        return self.ambiguity.least(self.known, self.prior)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Values by name, for a JSON file."""
+        return {
+            "ambiguity": str(self.ambiguity),
+            "value": self.value._asdict(),
+            "gap": self.gap,
+            "pure_value": self.pure_value,
+            "known_value": self.known_value,
+            "prior": self.prior,
+            "worst_prior": self.worst_prior,
+            "survival": self.survival,
+            "weights": self.weights,
+            "note": self.note,
+            "paths": [path.positions for path in self.paths],
+        }
+
+    def __repr__(self) -> str:
+        low, high = self.value
+        return (
+            f"MixedGuide({self.ambiguity}, {counted(len(self.paths), 'path')}, "
+            f"value={low:.4f} to {rounded_up(high):.4f})"
+        )
+
+    def __str__(self) -> str:
+        low, high = self.value
+        bound = f"no mixture can exceed {rounded_up(high):.4f}" if high < 1 else "not certified"
+        paths = ", ".join(
+            f"{weight:.3f} arrives at step {path.arrival}"
+            for weight, path in zip(self.weights, self.paths, strict=True)
+        )
+        cases = ", ".join(f"{s:.4f}" for s in self.survival)
+        note = f"\n{self.note}" if self.note else ""
+        return (
+            f"mixture of {counted(len(self.paths), 'guide')} for {self.ambiguity}: survival "
+            f"{low:.4f} ({bound})\n"
+            f"best single guide found {self.pure_value:.4f}, with the case known "
+            f"{self.known_value:.4f}\n"
+            f"weights: {paths}\nsurvival by case: {cases}; worst prior: "
+            f"{', '.join(f'{q:.3f}' for q in self.worst_prior)}{note}"
+        )
+
+
+@dataclass(frozen=True)
+class CasesMultistart(Multistart):
+    """Solves of the guide problem of several cases with a prior; risks are -log mean survival.
+
+    Parameters
+    ----------
+    cases : tuple of K Scenario
+    """
+
+    cases: tuple[Scenario, ...] = ()
+
+    @property
+    @override
+    def program(self) -> Nlp:
+        hazards, one = tuple(case.by_parts.hazard for case in self.cases), self.scenario
+        return guide_nlp(hazards, one.n_steps, one.time.substeps, self.task.disc)
+
+    @override
+    def risk(self, positions: FloatArray) -> float:
+        assert self.prior is not None
+        with np.errstate(divide="ignore"):
+            return float(-np.log(self.prior @ survivals_of(self.cases, positions)))
+
+    @override
+    def _scale(self, velocities: FloatArray) -> float:
+        return 1.0  # risks are exponents
+
+
+def survivals_of(cases: Sequence[Scenario], positions: FloatArray) -> FloatArray:
+    """Survival (K,) of an agent along a path (T+1, 2) in every case."""
+    risks = [case.time.dt * case.rates_along(positions).sum() for case in cases]
+    return np.exp(-np.array(risks))
+
+
+@dataclass
+class _Game:
+    """The matrix game of paths against priors, while paths are added."""
+
+    cases: tuple[Scenario, ...]
+    prior: FloatArray
+    ambiguity: Ambiguity
+    task: GuideTask
+    solver: Solver
+    deadline: float = math.inf
+    candidates: list[Candidate] = field(default_factory=list)
+    survivals: list[FloatArray] = field(default_factory=list)
+
+    def multistart(self, weights: FloatArray, task: GuideTask | None = None) -> CasesMultistart:
+        """Solves against a prior, whose zeros are slightly positive."""
+        prior = np.maximum(weights, _LEAST)
+        search = CasesMultistart(
+            self.cases[0], task or self.task, self.solver, None, self.deadline, prior / prior.sum()
+        )
+        return replace(search, cases=self.cases)
+
+    def add(self, candidates: Sequence[Candidate]) -> None:
+        """Add the paths that arrive."""
+        for candidate in candidates:
+            if np.isfinite(candidate.risk):
+                self.candidates.append(candidate)
+                positions = self.positions(candidate)
+                self.survivals.append(survivals_of(self.cases, positions))
+
+    def positions(self, candidate: Candidate) -> FloatArray:
+        """X(0..T) of a candidate."""
+        return integrate(self.task.start, candidate.velocities, self.task.dt)
+
+    def solved(self) -> tuple[FloatArray, FloatArray, float]:
+        """The best mixture (P,), the worst prior (K,) and the value."""
+        table = np.array(self.survivals)
+        weights, prior = self.ambiguity.game(table, self.prior)
+        return weights, prior, self.ambiguity.least(weights @ table, self.prior)
+
+    @cached_property
+    def tasks(self) -> list[Relaxation]:
+        """Relaxations of the cases, to the part of the target where guides arrive."""
+        tasks = [Relaxation.from_scenario(case, self.task.start) for case in self.cases]
+        return [replace(task, radius=self.task.radius) for task in tasks]
+
+    def best_path(self, prior: FloatArray) -> GridPath:
+        """A path of great mean survival on a grid of nodes and beliefs."""
+        rows = np.flatnonzero(prior > 0)
+        tasks = [self.tasks[row] for row in rows]
+        divisions = DIVISIONS[len(rows)]
+        nodes = _SEARCHED // len(simplex(len(rows), divisions).points)
+        grid = Grid.finest(tasks[0], nodes)
+        program = BeliefProgram(tasks, grid, prior[rows], divisions, certified=False)
+        path = best_belief_path(program)
+        points = tasks[0].start + program.grid.spacing * np.array(path, float)
+        return GridPath(points, program.grid.stride, "")
+
+    def improve(self, weights: FloatArray, prior: FloatArray) -> bool:
+        """Add the best path found against a prior; return False if it is no better."""
+        table, search = np.array(self.survivals), self.multistart(prior)
+        starts = [self.candidates[row] for row in np.flatnonzero(weights > _SUPPORT)]
+        starts += [self.candidates[int((table @ prior).argmax())]]
+        paths = [GridPath(self.positions(one), 1, "") for one in dict.fromkeys(starts)]
+        if np.count_nonzero(prior > 0) <= MAX_CASES:
+            grid_path = self.best_path(prior)
+            paths += [grid_path] if grid_path.arrival else []
+        before, known = len(self.candidates), float((table @ prior).max())
+        for path in paths:
+            arrival = search.arrival_of(path)
+            self.add(search.candidates_along(path, {arrival - 1, arrival, arrival + 1}))
+        found = np.array(self.survivals[before:])
+        return len(found) > 0 and float((found @ prior).max()) > known * (1 + _ENOUGH)
+
+    def run(self, guides: Sequence[Guide], progress: Progress | None) -> None:
+        """Add paths until none is better against the worst prior."""
+        for guide in guides:
+            self.add(guide.best_per_homotopy_class())
+        for guide in guides:
+            self.add(self.multistart(self.prior).candidates_near(guide))
+        for number in range(_ROUNDS):
+            weights, prior, _ = self.solved()
+            if progress is not None:
+                progress("improving the mixture", number, None)
+            if time.monotonic() > self.deadline or not self.improve(weights, prior):
+                return
+
+
+def plan_mixture(
+    scenario: Scenario,
+    ambiguity: AmbiguityLike | Ambiguity = "mean",
+    *,
+    solver: Solver | None = None,
+    certify: bool = True,
+    gap: float = 0.01,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+) -> MixedGuide:
+    """Best distribution over guides against a set of priors over the cases; see `plan`.
+
+    Raises
+    ------
+    PlanningError
+        An unknown set of priors, or a case without a guide.
+    ScenarioError
+        Several target zones.
+    """
+    chosen, started = Ambiguity.of(ambiguity), time.monotonic()
+    require_default(scenario, "target.other", "a mixture of guides")
+    deadline = math.inf if time_limit is None else started + time_limit
+    cases = tuple(case.scenario.for_guide for case in scenario.cases)
+    prior = np.array([case.weight for case in scenario.cases])
+    velocity = scenario.swarm.velocity
+    initial = None if velocity == "guide" else velocity
+    task = GuideTask.from_scenario(cases[0], scenario.guide_start, initial)
+    guides = []
+    for number, case in enumerate(cases):
+        if progress is not None:
+            progress("planning the guides of the cases", number, len(cases))
+        left = max(1e-3, deadline - time.monotonic()) / (len(cases) - number)
+        guides.append(plan_from(case, task.start, initial_velocity=initial, time_limit=left))
+    if failed := [k for k, guide in enumerate(guides) if not guide.arrives]:
+        raise PlanningError(
+            f"no guide of case {failed[0]} arrives: see plan(scenario.cases[{failed[0]}].scenario)",
+            case=failed[0],
+        )
+    game = _Game(cases, prior, chosen, task, solver or make_solver("ipopt"), deadline)
+    game.run(guides, progress)
+    mixed = _mixed_guide(game, guides)
+    if not certify:
+        return mixed
+    if progress is not None:
+        progress("proving an upper bound", 0, None)
+    limit = TIME_LIMIT if time_limit is None else max(0.0, deadline - time.monotonic())
+    return _certified(game, mixed, guides, gap, limit)
+
+
+def _mixed_guide(game: _Game, guides: Sequence[Guide]) -> MixedGuide:
+    """The best mixture of a game's paths, not certified."""
+    weights, worst, _ = game.solved()
+    rows = [int(row) for row in np.argsort(-weights, kind="stable") if weights[row] > _SUPPORT]
+    kept = weights[rows] / weights[rows].sum()
+    table = np.array(game.survivals)
+    pure = [game.ambiguity.least(row, game.prior) for row in table]
+    best = int(np.argmax(pure))
+    return MixedGuide(
+        paths=tuple(_guide(game, game.candidates[row]) for row in rows),
+        weights=kept,
+        survivals=table[rows],
+        prior=game.prior,
+        ambiguity=game.ambiguity,
+        value=Interval(game.ambiguity.least(kept @ table[rows], game.prior), 1.0),
+        worst_prior=worst,
+        pure=_guide(game, game.candidates[best]),
+        pure_value=pure[best],
+        known=np.maximum(np.exp([-guide.risk for guide in guides]), table.max(axis=0)),
+    )
+
+
+def _guide(game: _Game, candidate: Candidate) -> Guide:
+    """The guide of a candidate, with the prior means of the rates of the cases."""
+    positions = game.positions(candidate)
+    rates = [case.rates_along(positions) for case in game.cases]
+    return Guide(
+        positions=positions,
+        velocities=candidate.velocities,
+        rates=game.prior @ np.array(rates),
+        dt=game.task.dt,
+        center=game.task.center,
+        arrives=True,
+        solution=candidate.solution,
+        search="global",
+    )
+
+
+def _certified(
+    game: _Game, mixed: MixedGuide, guides: Sequence[Guide], gap: float, time_limit: float
+) -> MixedGuide:
+    """The mixture with a proven upper end of its value.
+
+    Up to four cases it is the best value against the worst prior, without limits of acceleration;
+    else the least mean over Q of the bounds of single cases.
+    """
+    tasks = [Relaxation.from_scenario(case, game.task.start) for case in game.cases]
+    if not all(task.bounded for task in tasks):
+        return replace(mixed, note="not certified: the rates have no lower bounds")
+    rows = np.flatnonzero(mixed.worst_prior > 0)
+    if len(rows) > MAX_CASES:
+        share = time.monotonic() + np.linspace(0, time_limit, len(guides) + 1)[1:]
+        proofs = zip(game.cases, guides, share, strict=True)
+        found = [certify_guide(case, guide, gap, float(end)) for case, guide, end in proofs]
+        bounds = np.array([math.exp(-each.risk_bound) if each else 1.0 for each in found])
+        high = game.ambiguity.least(np.minimum(1.0, bounds * (1 + 1e-14)), game.prior)
+        note = "bounded even if the case were known: with more than four cases this is loose"
+        return replace(mixed, value=Interval(mixed.value.low, high), note=note)
+    prior = mixed.worst_prior[rows]
+    multiplier = _multiplier(game, mixed, tasks)
+    options: dict[str, Any] = {"gap": gap, "time_limit": time_limit}
+    chosen = [tasks[row] for row in rows]
+    bound = mixture_bound(chosen, prior, mixed.value.low, multiplier, **options)
+    limits = "" if np.isinf(game.task.a_max) else "the bound ignores limits of acceleration"
+    high = max(min(1.0, bound.value), mixed.value.low)
+    return replace(mixed, value=Interval(mixed.value.low, high), bound=bound, note=limits)
+
+
+def _multiplier(game: _Game, mixed: MixedGuide, tasks: Sequence[Relaxation]) -> float:
+    """Decrease of -log of the value per increase of the target's radius, of relaxed paths.
+
+    Every value is valid; that of the best paths without limits of acceleration is a good one.
+    """
+    infinite = {"a_max": np.inf, "a_max_first": np.inf, "radius": float(tasks[0].radius)}
+    search = game.multistart(mixed.worst_prior, replace(game.task, **infinite))
+    found = []
+    for path in mixed.paths[:2]:
+        arrival = path.arrival
+        candidates = search.candidates_along(GridPath(path.positions, 1, ""), [arrival])
+        found += [game.positions(one) for one in candidates if np.isfinite(one.risk)]
+    multipliers = []
+    for positions in found:
+        posterior = mixed.worst_prior * survivals_of(game.cases, positions)
+        own = np.array([arrival_multiplier(task, positions) for task in tasks])
+        multipliers.append(float(posterior @ own / posterior.sum()))
+    return max(multipliers, default=0.0)

@@ -1,0 +1,96 @@
+"""Hazards that are not known: the cases of a scenario, one of which is the true one.
+
+A scenario with `[[hazard.case]]` is a family of scenarios that differ by their hazards, with a
+prior over them. Each is an ordinary scenario; parts that treat one hazard refuse the family.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import ScenarioError
+from .consistency import core_radius
+from .hazard_table import HazardTable
+
+if TYPE_CHECKING:
+    from .model import Scenario
+
+_EQUAL = ("kind", "alpha_2", "alpha_3", "beta_1", "beta_2")
+
+
+class Case(NamedTuple):
+    """One of the hazards that may be the true one.
+
+    Parameters
+    ----------
+    weight : float
+        Prior probability.
+    scenario : Scenario
+        The scenario with this hazard.
+    """
+
+    weight: float
+    scenario: Scenario
+
+
+def cases_of(scenario: Scenario) -> tuple[Case, ...]:
+    """The distinct cases of a scenario in their order, equal ones as one; itself if it has none."""
+    table = scenario.hazard_table
+    weights = [case.weight for case in table.case] or [1.0]
+    found: dict[HazardTable, float] = {}
+    for own, weight in zip(table.cases, weights, strict=True):
+        found[own] = found.get(own, 0.0) + weight
+    total = sum(weights)
+    return tuple(
+        Case(weight / total, scenario.with_hazard_table(own) if table.case else scenario)
+        for own, weight in found.items()
+    )
+
+
+def mean_table(scenario: Scenario, weights: ArrayLike) -> HazardTable:
+    """Hazard whose rates are the weighted means of those of the K cases.
+
+    Single-agent rates of the built-in kinds are sums over radars and zones, so they are those of
+    all cases together, with strengths and zones' rates times the weights.
+
+    Raises
+    ------
+    ScenarioError
+        Rates of users, or cases that differ in more than radars, zones, their strengths and
+        alpha_1: the mean of these is no hazard of a kind.
+    """
+    tables = [case.scenario.hazard_table for case in scenario.cases]
+    parts = [(t, w) for t, w in zip(tables, np.asarray(weights, float), strict=True) if w > 0]
+    if len(parts) == 1:
+        return parts[0][0]
+    first = parts[0][0]
+    cores = {core_radius(scenario.target, table) for table in tables}
+    for key in _EQUAL:
+        if len({getattr(table, key) for table in tables}) > 1 or first.is_custom:
+            what = "rates of users" if first.is_custom else f"cases that differ in hazard.{key}"
+            raise _no_mean(f"{what} have no mean of a built-in kind", key)
+    if len(cores) > 1:
+        raise _no_mean("cases that differ in hazard.core_radius have no mean", "core_radius")
+    alpha = first.alpha_1 or 1.0
+    merged: dict[str, list[Any]] = {"radars": [], "strengths": [], "radar": [], "zone": []}
+    for table, weight in parts:
+        factor = float(weight) * (table.alpha_1 or 1.0) / alpha
+        merged["radars"] += table.radars
+        merged["strengths"] += [factor * s for s in table.strengths or (1.0,) * len(table.radars)]
+        merged["radar"] += [_scaled(radar, "strength", factor) for radar in table.radar]
+        merged["zone"] += [_scaled(zone, "rate", float(weight)) for zone in table.zone]
+    lists = {key: tuple(values) for key, values in merged.items()}
+    lists["strengths"] = lists["strengths"] or None  # type: ignore[assignment]
+    return HazardTable.model_construct(**first.given | {"core_radius": cores.pop()} | lists)
+
+
+def _scaled(table: Any, key: str, factor: float) -> Any:
+    """A radar or zone with a value times a factor."""
+    return table.model_copy(update={key: factor * getattr(table, key)})
+
+
+def _no_mean(reason: str, key: str) -> ScenarioError:
+    return ScenarioError(f"{reason}: choose another ambiguity or belief", key=f"hazard.{key}")
