@@ -31,7 +31,7 @@ def risk(rng: Rng) -> Iterator[Check]:
     paths = _Paths(scenario)
     found: dict[str, list[np.ndarray]] = {
         "guide": [c.velocities for c in guide.candidates if np.isfinite(c.risk)],
-        "random": list(_random_paths(rng, scenario)),
+        "random": list(random_paths(rng, scenario)),
         "Ipopt": list(_ipopt_paths(rng, scenario)),
     }
     value, plain = None, is_plain(scenario)
@@ -126,7 +126,7 @@ class _Paths:
         return float(costs.sum()) if len(costs) else np.inf
 
 
-def _random_paths(rng: Rng, scenario: csw.Scenario) -> Iterator[np.ndarray]:
+def random_paths(rng: Rng, scenario: csw.Scenario) -> Iterator[np.ndarray]:
     """Paths towards the target with noise, among them full speed in every component."""
     dt, v_max, steps = scenario.time.dt, scenario.swarm.v_max * _SPEED, scenario.n_steps
     center = np.array(rng.choice([disc.center for disc in scenario.target.discs]))
@@ -148,7 +148,7 @@ def _ipopt_paths(rng: Rng, scenario: csw.Scenario) -> Iterator[np.ndarray]:
     """Local optima for some arrival steps from random starts, without acceleration limits."""
     dt, v_max, table = scenario.time.dt, scenario.swarm.v_max, scenario.hazard_table
     rates, target = Rates.from_scenario(scenario).after(1), rng.choice(scenario.target.discs)
-    starts = list(_random_paths(rng, scenario))
+    starts = list(random_paths(rng, scenario))
     for _ in range(2):
         steps = int(rng.integers(1, scenario.n_steps + 1)) if rng.random() < 0.5 else 0
         steps = steps or scenario.n_steps

@@ -87,7 +87,7 @@ def own_rows(scenario: Scenario, name: str) -> str:
 
 def names_of(scenario: Scenario) -> list[str]:
     """Policies of a scenario's rows."""
-    if scenario.hazard.changes:  # which not all policies treat
+    if len(scenario.cases) > 1 or scenario.hazard.changes:  # which not all policies treat
         return []
     names = [name for name in POLICIES if scenario.n <= MAX_PLANNED or "joint" not in name]
     return names + (["trained"] if scenario.name in TRAINED else [])

@@ -25,6 +25,7 @@ from .exploration.frontends import explore
 from .figures.animation import animate
 from .grid.value_function import CostToGoMap, ValueFunction
 from .guide.guide import Candidate, Guide
+from .guide.mixture import MixedGuide
 from .guide.plan import plan, plan_baseline
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
 from .infeasibility import Explanation, explain
@@ -76,6 +77,7 @@ __all__ = [
     "Instances",
     "Interval",
     "KernelHazard",
+    "MixedGuide",
     "Nlp",
     "OptimalValue",
     "OutcomeDistribution",

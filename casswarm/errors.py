@@ -189,7 +189,8 @@ class PlanningError(CasswarmError, RuntimeError):
     """No guide was found; the message counts the outcomes of all starts.
 
     The attribute `outcomes` has these counts. Of a problem that is too large, `nodes`, `max_nodes`,
-    `steps` and `members` are its size and the limit.
+    `steps` and `members` are its size and the limit. Of a hazard that is not known, `case` is the
+    index of a case without a guide, and `ambiguity` is a set of priors that is not `allowed`.
     """
 
     outcomes: Mapping[str, int] | None = None
@@ -198,6 +199,9 @@ class PlanningError(CasswarmError, RuntimeError):
     max_nodes: int | None = None
     steps: int | None = None
     members: int | None = None
+    case: int | None = None
+    ambiguity: object = None
+    allowed: str | None = None
 
 
 class ComparisonError(CasswarmError, ValueError):

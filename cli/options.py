@@ -73,7 +73,7 @@ class Number(click.FloatRange):
         return number
 
 
-class AmbiguityText(click.ParamType):
+class AmbiguityText(click.types.StringParamType):
     """A set of priors: mean, worst, cvar:A or tv:R."""
 
     name = "ambiguity"

@@ -4,8 +4,8 @@ from .acceleration_bound import (
     acceleration_limits,
     bound_with_acceleration,
 )
+from .belief_bound import MixtureBound, MixtureLevel, mixture_bound
 from .level_game import PotentialFamily
-from .mixture_bound import MixtureBound, MixtureLevel, mixture_bound
 from .risk_bound import Certificate, Level, certify
 from .success_bound import SuccessBound
 from .two_members import PairBound, PairValueFunction, pair_bound, require_pair

@@ -265,7 +265,7 @@ class Runs:
             seconds=float(arrays["seconds"]),
             trajectories=tuple(
                 RunTrajectory(
-                    *(arrays[f"{name}-{k}"] for name in _TRAJECTORY_ARRAYS),
+                    **{name: arrays[f"{name}-{k}"] for name in _TRAJECTORY_ARRAYS},
                     believed=arrays.get(f"believed-{k}"),
                 )
                 for k in range(number)

@@ -37,6 +37,7 @@ from .._util.figure_style import (
 from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..chain.monte_carlo import RunTrajectory
+from ..errors import ScenarioError
 from ..grid import CostToGoMap, ValueFunction
 from ..guide.guide import Candidate, Guide
 from ..hazard import Hazard
@@ -114,8 +115,14 @@ def base_map(
 ) -> tuple[Figure, Axes]:
     """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`.
 
-    Rates that depend on time are those after `step` steps, by default the last one.
+    Rates that depend on time are those after `step` steps, by default the last one; of a hazard
+    that is not known they are the prior means, or those of the first case.
     """
+    if len(scenario.cases) > 1:
+        try:
+            scenario = scenario.of_mean_rates([case.weight for case in scenario.cases])
+        except ScenarioError:  # rates of users, which have no mean
+            scenario = scenario.cases[0].scenario
     fig, axes = single_panel(ax=ax)
     image = draw_base_map(axes, scenario, *scenario.extent(contents), step)
     when = f" after step {_shown(scenario, step)}" if scenario.hazard.changes else ""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from .._util.figure_style import (
+    BLUE,
     MEMBERS,
     AxesLike,
     add_legend,
@@ -17,28 +16,16 @@ from .._util.figure_style import (
     scaled,
     themed,
 )
-from ..errors import ScenarioError
-from ..guide.guide import Guide
+from ..guide.mixture import MixedGuide
 from ..scenario import Scenario
-from ..typing import FloatArray, Interval
 from .maps import add_starts, base_map
-from .member_paths import path_style
 
 _WIDTH = 4.0  # of the path of a mixture of one
 
 
-class Mixture(Protocol):
-    """What is drawn of a mixture of guides: `casswarm.MixedGuide` has it."""
-
-    paths: tuple[Guide, ...]
-    weights: FloatArray
-    prior: FloatArray
-    value: Interval
-
-
 @themed
 def mixture_map(
-    scenario: Scenario, mixed: Mixture, title: str | None = "", *, ax: AxesLike | None = None
+    scenario: Scenario, mixed: MixedGuide, title: str | None = "", *, ax: AxesLike | None = None
 ) -> Figure:
     """Paths of a mixture, as wide as they are likely, on the prior mean of the hazard rates.
 
@@ -53,23 +40,18 @@ def mixture_map(
         As in all `casswarm.figures`.
     """
     cases = [case.scenario for case in scenario.cases]
-    try:
-        shown = scenario.of_mean_rates(mixed.prior)
-    except ScenarioError:  # rates of users, which have no mean
-        shown = cases[0]
     paths = [path.positions for path in mixed.paths]
-    fig, axes = base_map(shown, [scenario.positions, *paths], ax=ax)
+    fig, axes = base_map(scenario, [scenario.positions, *paths], ax=ax)
     places = [set(map(tuple, case.hazard.radar_positions.tolist())) for case in cases]
     common = set.intersection(*places)
     for number, own in enumerate(places):
         points = np.array(sorted(own - common)).reshape(-1, 2)
-        if len(points) and len(cases) <= len(MEMBERS):
-            style = marker("^", 8, MEMBERS[number], "white", 0.7)
+        if len(points) and len(cases) < len(MEMBERS):
+            style = marker("^", 8, MEMBERS[1 + number], "white", 0.7)
             axes.plot(*points.T, zorder=5, label=f"radars of case {number}", **style)
-    for number, (path, weight) in enumerate(zip(paths, mixed.weights, strict=True)):
-        style = path_style(number if len(paths) <= len(MEMBERS) else -1)
-        style |= {"linewidth": scaled(0.5 + _WIDTH * float(weight)), "alpha": 0.85}
-        axes.plot(*path.T, zorder=4, label=f"path with probability {weight:.3f}", **style)
+    for path, weight in zip(paths, mixed.weights, strict=True):
+        width, label = scaled(0.5 + _WIDTH * float(weight)), f"path with probability {weight:.3f}"
+        axes.plot(*path.T, zorder=4, label=label, color=BLUE, linewidth=width, alpha=0.85)
     add_starts(axes, scenario, "initial positions" if scenario.n > 1 else "start")
     add_legend(axes)
     low, high = mixed.value

@@ -64,7 +64,7 @@ def interpolated(
         before = fraction
         if fraction == 0.0:
             break
-    return mass * total  # type: ignore[no-any-return]
+    return mass * total
 
 
 @allocating_kernel

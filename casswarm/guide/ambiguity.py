@@ -55,7 +55,7 @@ class Ambiguity:
         if isinstance(value, Ambiguity):
             return value
         if value in ("mean", "worst"):
-            return cls(value)  # type: ignore[arg-type]
+            return cls(value)
         if isinstance(value, tuple) and len(value) == 2 and value[0] in ("cvar", "tv"):
             name, parameter = value
             number = isinstance(parameter, int | float) and not isinstance(parameter, bool)

@@ -22,7 +22,7 @@ from .._util.display import Displayed
 from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..bounds import MixtureBound, mixture_bound
-from ..bounds.mixture_bound import DIVISIONS, MAX_CASES, BeliefProgram, best_belief_path, simplex
+from ..bounds.belief_bound import DIVISIONS, MAX_CASES, BeliefProgram, best_belief_path, simplex
 from ..bounds.risk_bound import arrival_multiplier
 from ..errors import PlanningError
 from ..grid.nodes import Grid, Relaxation
@@ -108,7 +108,7 @@ class MixedGuide(Displayed):
     @property
     def survival(self) -> FloatArray:
         """Survival (K,) of the mixture in every case."""
-        return self.weights @ self.survivals
+        return np.asarray(self.weights @ self.survivals)
 
     @property
     def gap(self) -> float:
@@ -193,7 +193,7 @@ class CasesMultistart(Multistart):
 def survivals_of(cases: Sequence[Scenario], positions: FloatArray) -> FloatArray:
     """Survival (K,) of an agent along a path (T+1, 2) in every case."""
     risks = [case.time.dt * case.rates_along(positions).sum() for case in cases]
-    return np.exp(-np.array(risks))
+    return np.asarray(np.exp(-np.array(risks)))
 
 
 @dataclass
@@ -405,8 +405,9 @@ def _multiplier(game: _Game, mixed: MixedGuide, tasks: Sequence[Relaxation]) -> 
 
     Every value is valid; that of the best paths without limits of acceleration is a good one.
     """
-    infinite = {"a_max": np.inf, "a_max_first": np.inf, "radius": float(tasks[0].radius)}
-    search = game.multistart(mixed.worst_prior, replace(game.task, **infinite))
+    radius = float(tasks[0].radius)
+    free = replace(game.task, a_max=np.inf, a_max_first=np.inf, radius=radius)
+    search = game.multistart(mixed.worst_prior, free)
     found = []
     for path in mixed.paths[:2]:
         arrival = path.arrival

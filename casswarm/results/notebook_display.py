@@ -24,6 +24,7 @@ from ..figures import (
     gap_chart,
     guide_map,
     joint_map,
+    mixture_map,
     success_chart,
     sweep_lines,
     theme,
@@ -31,6 +32,7 @@ from ..figures import (
 from ..figures.maps import add_start, base_map
 from ..figures.success import kind_of_success
 from ..guide.guide import Guide
+from ..guide.mixture import MixedGuide
 from ..joint import SwarmPlan
 from ..scenario import Scenario
 from ..studies.simulation import Study
@@ -79,9 +81,11 @@ def view(result: object) -> View:
 
 @view.register
 def _(result: Scenario) -> View:
+    radars = [len(case.scenario.hazard.radar_positions) for case in result.cases]
+    each = f"{min(radars)} to {max(radars)} in each of {len(radars)} cases"
     values = {
         "members": result.n,
-        "radars": len(result.hazard.radar_positions),
+        "radars": radars[0] if len(radars) == 1 else each,
         "target radius": f"{result.target.radius:g}",
         "steps": f"{result.n_steps} of {result.time.dt:g}",
         "v_max, a_max": f"{result.swarm.v_max:g}, {result.swarm.a_max:g}",
@@ -109,6 +113,29 @@ def _(result: Guide) -> View:
         return _path_map(result.positions[:, None], [label], **options)
 
     return View("Guide", values, picture)
+
+
+@view.register
+def _(result: MixedGuide) -> View:
+    low, high = result.value
+    values = {
+        "ambiguity": str(result.ambiguity),
+        "survival": f"{low:.4f}",
+        "survival bound": "not certified" if high == 1 else f"{rounded_up(high):.4f}",
+        "best single guide": f"{result.pure_value:.4f}",
+        "with the case known": f"{result.known_value:.4f}",
+    }
+
+    def picture(scenario: Scenario | None, **options: Any) -> Figure:
+        if scenario is not None:
+            return mixture_map(scenario, result, **options)
+        paths = [path.positions for path in result.paths]
+        last = max(map(len, paths))
+        padded = [np.vstack([p, np.repeat(p[-1:], last - len(p), axis=0)]) for p in paths]
+        labels = [f"path with probability {weight:.3f}" for weight in result.weights]
+        return _path_map(np.stack(padded, axis=1), labels, **options)
+
+    return View(f"Mixture of {counted(len(result.paths), 'guide')}", values, picture, result.note)
 
 
 @view.register

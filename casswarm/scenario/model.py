@@ -230,7 +230,7 @@ class Scenario(Displayed, Table):
         if len(self.cases) > 1:
             raise ScenarioError(
                 f"scenario '{self.name}' has {len(self.cases)} cases of its hazard "
-                "(hazard.case), and this treats a hazard that is known: take one of them, "
+                "(hazard.case), and this treats only a hazard that is known: take one of them, "
                 "scenario.cases[k].scenario, or plan a mixture of guides with ambiguity=",
                 key="hazard.case",
                 value=len(self.cases),

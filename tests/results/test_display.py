@@ -19,6 +19,7 @@ from casswarm.results.notebook_display import html, view
 RESULTS = {
     "Scenario": lambda scenario, guide: scenario,
     "Guide": lambda scenario, guide: guide,
+    "MixedGuide": lambda scenario, guide: csw.plan(scenario, ambiguity="mean", certify=False),
     "SwarmPlan": lambda scenario, guide: csw.plan_swarm(scenario, guide=guide, time_limit=1.0),
     "Study": lambda scenario, guide: csw.simulate(scenario, ["naive", "leader"], 20, guide=guide),
     "OutcomeDistribution": lambda scenario, guide: csw.evaluate(
@@ -33,6 +34,7 @@ RESULTS = {
 WORDS = {
     "Scenario": "5",
     "Guide": "not certified",
+    "MixedGuide": "not certified",
     "SwarmPlan": "success",
     "Study": "leader",
     "OutcomeDistribution": " to ",

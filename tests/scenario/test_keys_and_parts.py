@@ -19,9 +19,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
 PLAIN = pair(5, swarm__a_max=4.0, swarm__velocity=[1.0, 0.0])
 MOVING = [{"position": [1.3, 0.7], "velocity": [0.1, -0.1]}]
 ZONE = [{"center": [1.0, -0.6], "radius": 0.2, "rate": 3.0, "edge": 0.3}]
+CASES = [{}, {"radars": [[1.3, -0.7], [2.1, 0.9]]}]
 VALUES = {
     "hazard.radar": {"hazard.radar": MOVING},
     "hazard.zone": {"hazard.zone": ZONE},
+    "hazard.case": {"hazard.case": CASES},
     "success.arrivals": {"success.arrivals": 2},
     "time.substeps": {"time.substeps": 2},
     "target.other": {"target.other": [{"center": [0.2, 1.9], "radius": 0.4}]},
@@ -52,6 +54,9 @@ PARTS: dict[str, Callable[[csw.Scenario], Any]] = {
     "plan": lambda one: csw.plan(one, certify=False).risk,
     'plan, "projected-gradient"': lambda one: (
         csw.plan(one.replace(guide={"iterations": 50}), "projected-gradient", check=False).rates
+    ),
+    "plan, ambiguity": lambda one: (
+        csw.plan(one.with_values({"hazard.case": CASES}), ambiguity="worst").value
     ),
     "Guide.survival_bound": lambda one: csw.plan(one).survival_bound,
     "ValueFunction": lambda one: csw.ValueFunction.from_scenario(one, 20_000).bounds(0, [0, 0]),

@@ -67,9 +67,11 @@ def test_builtin_scenario_loads_with_description(name: str) -> None:
     assert scenario.name == name
     assert len(scenario.description) > 20
     assert "\n" not in scenario.description
-    rates = scenario.hazard.rates(scenario.positions, np.ones(scenario.n, bool), time=0.0)
-    assert rates.shape == (scenario.n,)
-    assert (rates < 1).all()
+    for case in scenario.cases:
+        hazard = case.scenario.hazard
+        rates = hazard.rates(scenario.positions, np.ones(scenario.n, bool), time=0.0)
+        assert rates.shape == (scenario.n,)
+        assert (rates < 1).all()
 
 
 def test_builtin_scenarios_lists_descriptions() -> None:

@@ -1,0 +1,124 @@
+"""Claim about hazards that are not known: both ends of the value of a mixture hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from _attack_bounds import random_paths
+from _attack_model import Rates, shortened
+from _attack_records import Check, Skip
+from _attack_scenarios import Rng, draw, in_time
+
+import casswarm as csw
+
+_SPEED = 1 + 1e-12
+_PRIORS, _CLIMBS = 2000, 400
+
+
+def mixtures(rng: Rng) -> Iterator[Check]:
+    """Claim 11: no prior in Q is worse than the lower end, and no path better than the upper one.
+
+    Priors are drawn at random, paths are drawn and climb with all the speed that the chain allows;
+    rates and sets of priors are written here again.
+    """
+    scenario = in_time(rng, draw(rng, members=(1, 2), steps=(3, 14)))
+    plain = {"target.other": None, "swarm.kind": None, "swarm.kinds": None, "success.arrivals": 1}
+    scenario = _with_cases(rng, scenario.with_values(plain))
+    ambiguity = _ambiguity(rng)
+    mixed = csw.plan(scenario, ambiguity=ambiguity, time_limit=6.0)
+    agents = [_Agent(case.scenario) for case in scenario.cases]
+    survivals = np.array([[agent.survival(p.velocities) for agent in agents] for p in mixed.paths])
+    mean = mixed.weights @ survivals
+    prior = np.array([case.weight for case in scenario.cases])
+    low, high = mixed.value
+    worst = min(float(q @ mean) for q in _priors(rng, ambiguity, prior))
+    yield Check("mixtures, lower end", low - worst, 1e-12 + 1e-9 * low, f"{ambiguity}: {worst!r}")
+    best = max(_climbed(rng, scenario.cases[0].scenario, agents, q) for q in (mixed.worst_prior,))
+    detail = f"{ambiguity}: a path of {best!r} against {mixed.worst_prior}, {high!r}"
+    yield Check("mixtures, upper end", best - high, 1e-12, detail)
+    yield Check("mixtures, order", low - high, 0.0, f"{low!r} > {high!r}")
+
+
+def _with_cases(rng: Rng, scenario: csw.Scenario) -> csw.Scenario:
+    """The scenario with up to four cases, whose radars are elsewhere."""
+    radars = np.array(scenario.hazard_table.radars, float).reshape(-1, 2)
+    if not len(radars):
+        raise Skip("no radars at rest")
+    extent = float(np.abs(scenario.positions - np.array(scenario.target.center)).max())
+    cases = []
+    for _ in range(int(rng.integers(2, 5))):
+        noise = 10 ** rng.uniform(-2, -0.3) * extent * rng.normal(size=radars.shape)
+        shift = noise * (rng.random((len(radars), 1)) < 0.7)
+        weight = 0.0 if rng.random() < 0.1 else float(10 ** rng.uniform(-1, 1))
+        cases.append({"radars": (radars + shift).tolist(), "weight": weight})
+    try:
+        return scenario.with_values({"hazard.case": cases})
+    except csw.ScenarioError:
+        raise Skip("cases refused") from None
+
+
+def _ambiguity(rng: Rng) -> Any:
+    kind = str(rng.choice(["mean", "worst", "cvar", "tv"]))
+    parameter = {"cvar": rng.uniform(0.05, 1.0), "tv": rng.uniform(0.0, 2.0)}.get(kind)
+    return kind if parameter is None else (kind, float(parameter))
+
+
+def _priors(rng: Rng, ambiguity: Any, prior: np.ndarray) -> Iterator[np.ndarray]:
+    """Random priors in Q: on the ways from the given one to those of the simplex, as far as Q."""
+    yield prior
+    for _ in range(_PRIORS):
+        other = rng.dirichlet(rng.choice([0.05, 1.0]) * np.ones(len(prior)))
+        if ambiguity == "mean":
+            return
+        share = 1.0
+        if ambiguity != "worst":
+            kind, parameter = ambiguity
+            change = other - prior
+            if kind == "tv":
+                share = min(1.0, parameter / max(float(np.abs(change).sum()), 1e-300))
+            else:
+                grows = change > 0
+                room = (prior / parameter - prior)[grows] / change[grows]
+                share = min(1.0, float(room.min(initial=1.0)))
+        yield prior + share * (1 - 1e-12) * (other - prior)
+
+
+class _Agent:
+    """Survival of velocity sequences up to the first arrival, by the model's equations."""
+
+    def __init__(self, scenario: csw.Scenario) -> None:
+        self.scenario, self.rates = scenario, Rates.from_scenario(scenario)
+
+    def survival(self, velocities: np.ndarray) -> float:
+        """Survival of an agent from the guide's start; 0 if it does not arrive."""
+        scenario, target = self.scenario, self.scenario.target
+        path = [np.array(scenario.guide_start)]
+        for velocity in shortened(scenario, velocities, _SPEED)[: scenario.n_steps]:
+            path.append(path[-1] + scenario.time.dt * velocity)
+            if np.hypot(*(path[-1] - target.center)) <= target.radius:
+                risks = self.rates.along(np.array(path))
+                return float(np.exp(-scenario.time.dt * risks.sum()))
+        return 0.0
+
+
+def _climbed(rng: Rng, scenario: csw.Scenario, agents: list[_Agent], prior: np.ndarray) -> float:
+    """The best mean survival of random paths, and of climbs from the best of them."""
+
+    def value(velocities: np.ndarray) -> float:
+        return float(prior @ [agent.survival(velocities) for agent in agents])
+
+    paths = list(random_paths(rng, scenario))[:400]
+    values = [value(path) for path in paths]
+    path, best = paths[int(np.argmax(values))], max(values)
+    limit = scenario.swarm.v_max * _SPEED
+    scale = 0.1 * limit
+    for _ in range(_CLIMBS):
+        noise = scale * rng.normal(size=path.shape) * (rng.random(path.shape) < 0.4)
+        trial = np.clip(path + noise, -limit, limit)
+        if (found := value(trial)) > best:
+            path, best = trial, found
+        else:
+            scale *= 0.99
+    return best
