@@ -15,7 +15,8 @@ the risk, minus its logarithm, is the better scaled objective. V(-1) is a parame
 from it has its own limit, infinite if the guide may start with any velocity.
 
 **Hazards that are not known.** With K cases of priors p_k and risks R_k, the sums above, the
-objective is -log sum_k p_k exp(-R_k), minus the logarithm of the mean survival; R_1 with one case.
+objective is -log sum_k p_k exp(-R_k), minus the logarithm of the mean survival. The R_k are
+variables, equal to the sums above, so that second derivatives stay sparse.
 
 Where rates depend on time, lambda-bar(X(t)) is that of the radars after t steps. With m substeps it
 is the mean of the rates at m points of the straight line from X(t-1) to X(t), of which X(t) is the
@@ -95,16 +96,19 @@ def guide_nlp(
     change = V - ca.horzcat(initial_velocity, V[:, :-1])
     symbols = [initial_velocity, center, weights, origin, length, clock]
     size = [str(horizon), *([str(substeps)] if substeps > 1 else []), *(["disc"] if disc else [])]
+    more, equal = {}, {}
     if hazard is cases:
         size.append(f"{len(cases)} cases")
         symbols.append(ca.MX.sym("log_prior", len(cases)))
-        objective = -ca.logsumexp(symbols[-1] - ca.vertcat(*map(risk, cases)))
+        more = {"risks": ca.MX.sym("risks", len(cases))}
+        equal = {"risk": more["risks"] - ca.vertcat(*map(risk, cases))}
+        objective = -ca.logsumexp(symbols[-1] - more["risks"])
     else:
         objective = risk(cases[0])
     radars = sum(max(1, len(case.radar_positions)) for case in cases)
     return Nlp(
         name=f"guide[{', '.join(size)}]",
-        variables={"positions": X, "velocities": V},
+        variables={"positions": X, "velocities": V, **more},
         parameters={symbol.name(): symbol for symbol in symbols},
         objective=objective,
         constraints={
@@ -112,6 +116,7 @@ def guide_nlp(
             "acceleration": ca.sum1(change**2),
             "arrival": ca.sumsqr(X[:, -1] - center),
             **({"speed": ca.sum1(V**2)} if disc else {}),
+            **equal,
         },
         unroll=hazard is not cases and substeps * horizon * radars <= UNROLL,
     )
@@ -179,7 +184,7 @@ def guide_instance(
     arrival: int,
     velocities: FloatArray,
     scale: float = 1.0,
-    prior: FloatArray | None = None,
+    cases: tuple[FloatArray, FloatArray] | None = None,
 ) -> Instances:
     """Instance that arrives at step `arrival`, with the path of `velocities` as initial guess.
 
@@ -194,8 +199,8 @@ def guide_instance(
         Initial guess; clipped to the box.
     scale : float
         Factor of the risk, for solvers whose tolerances and barriers are absolute.
-    prior : (K,), optional
-        Probabilities of the cases of a program with several, positive.
+    cases : pair of (K,), optional
+        Of a program with several cases: their probabilities, positive, and guesses of their risks.
     """
     horizon, length = nlp.parameters["weights"].shape[1], task.dt * task.v_max
     moving = np.arange(horizon) < arrival
@@ -205,8 +210,11 @@ def guide_instance(
     a_max = np.where(moving, task.a_max, np.inf)
     a_max[0] = task.a_max_first
     disc = ["speed"] if task.disc else []
+    more, free, equal = {}, {}, {}
+    if cases is not None:
+        more, free, equal = {"risks": cases[1][None]}, {"risks": np.inf}, {"risk": 0.0}
     return Instances(
-        x0=nlp.pack_variables(positions=np.cumsum(guess, axis=0), velocities=guess),
+        x0=nlp.pack_variables(positions=np.cumsum(guess, axis=0), velocities=guess, **more),
         p=nlp.pack_parameters(
             initial_velocity=task.initial_velocity[None] / task.v_max,
             center=(task.center - task.start)[None] / length,
@@ -214,21 +222,25 @@ def guide_instance(
             origin=task.start[None],
             length=length,
             clock=task.dt,
-            **({} if prior is None else {"log_prior": np.log(prior)[None]}),
+            **({} if cases is None else {"log_prior": np.log(cases[0])[None]}),
         ),
-        lbx=nlp.pack_variables(positions=-np.inf, velocities=-limit),
-        ubx=nlp.pack_variables(positions=np.inf, velocities=limit),
+        lbx=nlp.pack_variables(
+            positions=-np.inf, velocities=-limit, **{name: -bound for name, bound in free.items()}
+        ),
+        ubx=nlp.pack_variables(positions=np.inf, velocities=limit, **free),
         lbg=nlp.pack_constraints(
             dynamics=0.0,
             acceleration=-np.inf,
             arrival=-np.inf,
             **dict.fromkeys(disc, -np.inf),
+            **equal,
         ),
         ubg=nlp.pack_constraints(
             dynamics=0.0,
             acceleration=tightened(a_max / task.v_max**2)[:, None],
             arrival=tightened((task.radius / length) ** 2),
             **dict.fromkeys(disc, tightened(1.0)),
+            **equal,
         ),
     )
 

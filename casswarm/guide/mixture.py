@@ -27,8 +27,8 @@ from ..bounds.risk_bound import arrival_multiplier
 from ..errors import PlanningError
 from ..grid.nodes import Grid, Relaxation
 from ..motion.kinematics import integrate
-from ..nlp.program import Nlp
-from ..problems.guide import GuideTask, guide_nlp
+from ..nlp.program import Instances, Nlp
+from ..problems.guide import GuideTask, guide_instance, guide_nlp
 from ..scenario import Scenario
 from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
@@ -43,6 +43,7 @@ _LEAST = 1e-6  # prior of a case in the program, whose logarithm is taken
 _ROUNDS = 40  # of adding paths
 _ENOUGH = 1e-6  # relative gain of a path from which it is added
 _SEARCHED = 1_500_000  # values of the dynamic program that finds paths
+_MOST_RISK = 100.0  # of a guess
 _SUPPORT = 1e-9  # weight of a path that counts
 
 
@@ -169,9 +170,12 @@ class CasesMultistart(Multistart):
     Parameters
     ----------
     cases : tuple of K Scenario
+    prior : (K,)
+        Positive.
     """
 
     cases: tuple[Scenario, ...] = ()
+    prior: FloatArray = field(default_factory=lambda: np.ones(1))
 
     @property
     @override
@@ -180,8 +184,14 @@ class CasesMultistart(Multistart):
         return guide_nlp(hazards, one.n_steps, one.time.substeps, self.task.disc)
 
     @override
+    def instance(self, nlp: Nlp, arrival: int, guess: FloatArray, scale: float) -> Instances:
+        positions = integrate(self.task.start, self.task.limited(guess), self.task.dt)
+        with np.errstate(divide="ignore"):
+            risks = np.minimum(-np.log(survivals_of(self.cases, positions)), _MOST_RISK)
+        return guide_instance(nlp, self.task, arrival, guess, scale, (self.prior, risks))
+
+    @override
     def risk(self, positions: FloatArray) -> float:
-        assert self.prior is not None
         with np.errstate(divide="ignore"):
             return float(-np.log(self.prior @ survivals_of(self.cases, positions)))
 
@@ -212,10 +222,8 @@ class _Game:
     def multistart(self, weights: FloatArray, task: GuideTask | None = None) -> CasesMultistart:
         """Solves against a prior, whose zeros are slightly positive."""
         prior = np.maximum(weights, _LEAST)
-        search = CasesMultistart(
-            self.cases[0], task or self.task, self.solver, None, self.deadline, prior / prior.sum()
-        )
-        return replace(search, cases=self.cases)
+        agent = self.cases[0], task or self.task, self.solver, None, self.deadline
+        return CasesMultistart(*agent, self.cases, prior / prior.sum())
 
     def add(self, candidates: Sequence[Candidate]) -> None:
         """Add the paths that arrive."""
@@ -258,13 +266,13 @@ class _Game:
         table, search = np.array(self.survivals), self.multistart(prior)
         starts = [self.candidates[row] for row in np.flatnonzero(weights > _SUPPORT)]
         starts += [self.candidates[int((table @ prior).argmax())]]
-        paths = [GridPath(self.positions(one), 1, "") for one in dict.fromkeys(starts)]
+        chosen = dict.fromkeys(starts)
+        paths = [(GridPath(self.positions(c), 1, ""), len(c.velocities)) for c in chosen]
         if np.count_nonzero(prior > 0) <= MAX_CASES:
-            grid_path = self.best_path(prior)
-            paths += [grid_path] if grid_path.arrival else []
+            found_path = self.best_path(prior)
+            paths += [(found_path, search.arrival_of(found_path))] if found_path.arrival else []
         before, known = len(self.candidates), float((table @ prior).max())
-        for path in paths:
-            arrival = search.arrival_of(path)
+        for path, arrival in paths:
             self.add(search.candidates_along(path, {arrival - 1, arrival, arrival + 1}))
         found = np.array(self.survivals[before:])
         return len(found) > 0 and float((found @ prior).max()) > known * (1 + _ENOUGH)

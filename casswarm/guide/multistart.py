@@ -245,8 +245,6 @@ class Multistart:
     deadline : float
         Time of `time.monotonic` after which no solve starts; solvers that can limit their time end
         by then.
-    prior : (K,), optional
-        Of the cases, for a program with several.
     """
 
     scenario: Scenario
@@ -254,7 +252,6 @@ class Multistart:
     solver: Solver
     progress: Progress | None = None
     deadline: float = math.inf
-    prior: FloatArray | None = None
 
     @property
     def expired(self) -> bool:
@@ -337,7 +334,7 @@ class Multistart:
             self._report_solve(name, arrival, f"{number} of {len(steps)}")
             guess = start(arrival, self.task.dt)
             scale = 1.0 if name == STRAIGHT else self._scale(guess)
-            instance = guide_instance(nlp, self.task, arrival, guess, scale, self.prior)
+            instance = self.instance(nlp, arrival, guess, scale)
             solution = solve_by(self.deadline, self.solver, nlp, instance)
             residuals = replace(
                 solution.residuals,
@@ -360,6 +357,10 @@ class Multistart:
         """The program of all starts and arrival steps."""
         hazard, time = self.scenario.by_parts.hazard, self.scenario.time
         return guide_nlp(hazard, self.scenario.n_steps, time.substeps, self.task.disc)
+
+    def instance(self, nlp: Nlp, arrival: int, guess: FloatArray, scale: float) -> Instances:
+        """Instance of the program for an arrival step, with velocities (T, 2) as a guess."""
+        return guide_instance(nlp, self.task, arrival, guess, scale)
 
     def risk(self, positions: FloatArray) -> float:
         """Objective of a path (T+1, 2) that arrives."""
