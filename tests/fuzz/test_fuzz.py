@@ -21,6 +21,7 @@ def fuzz(*arguments):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_mutated_files_and_options_end_as_they_may():
     printed = fuzz("--mutations", 80, "--quick", "--seed", 0)
     assert "0 faults" in printed

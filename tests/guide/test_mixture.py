@@ -151,6 +151,7 @@ def test_wrong_arguments_are_refused() -> None:
         csw.plan(scenario.with_values(other), ambiguity="mean")
 
 
+@pytest.mark.slow
 def test_command_writes_the_mixture_and_draws_it_again(tmp_path) -> None:
     def casswarm(*arguments):
         command = [sys.executable, "-m", "casswarm", *arguments]

@@ -76,7 +76,10 @@ PARTS: dict[str, Callable[[csw.Scenario], Any]] = {
 }
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize(
+    "part",
+    [pytest.param(part, marks=[pytest.mark.slow] * ("many members" in part)) for part in PARTS],
+)
 def test_radars_in_time_that_rest_are_as_radars_at_rest(part: str) -> None:
     same = with_radars(*SAME)
     assert same.hazard.changes

@@ -155,6 +155,7 @@ def test_a_zone_is_flown_around_and_alone_is_a_hazard() -> None:
     assert csw.evaluate(only, "leader", guide=guide).success.low > 1 - 1e-6
 
 
+@pytest.mark.slow
 def test_numbers_of_all_parts_fit_together() -> None:
     guide = csw.plan(ONE)
     assert guide.gap is not None

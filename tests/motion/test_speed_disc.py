@@ -35,6 +35,7 @@ def turned(one: csw.Scenario, angle: float) -> csw.Scenario:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.3, 0.7, 2.0])
 def test_nothing_depends_on_a_direction(angle: float) -> None:
     guide, other = csw.plan(ROUND), csw.plan(turned(ROUND, angle))
@@ -47,6 +48,7 @@ def test_nothing_depends_on_a_direction(angle: float) -> None:
     assert laws[0] == pytest.approx(laws[1], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_guide_is_slower_than_in_the_box_and_its_bound_is_sharper() -> None:
     guide, box = csw.plan(ROUND), csw.plan(SINGLE)
     assert guide.risk > box.risk * 1.01

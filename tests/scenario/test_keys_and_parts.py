@@ -56,9 +56,9 @@ PARTS: dict[str, Callable[[csw.Scenario], Any]] = {
         csw.plan(one.replace(guide={"iterations": 50}), "projected-gradient", check=False).rates
     ),
     "plan, ambiguity": lambda one: (
-        csw.plan(one.with_values({"hazard.case": CASES}), ambiguity="worst").value
+        csw.plan(one.with_values({"hazard.case": CASES}), ambiguity="worst", time_limit=1.0).value
     ),
-    "Guide.survival_bound": lambda one: csw.plan(one).survival_bound,
+    "Guide.survival_bound": lambda one: csw.plan(one, time_limit=3.0).survival_bound,
     "ValueFunction": lambda one: csw.ValueFunction.from_scenario(one, 20_000).bounds(0, [0, 0]),
     "success_bound": lambda one: csw.success_bound(one, 20_000, max_work=1e5).value,
     "optimal_value": lambda one: csw.optimal_value(one, 0.05, time_limit=10.0).success,

@@ -58,6 +58,7 @@ def test_bracket_without_limit_is_narrow_on_built_in_scenarios(name):
     assert optimum.success.high <= float(csw.success_bound(scenario))
 
 
+@pytest.mark.slow
 def test_upper_end_is_not_above_the_bound_for_every_policy():
     scenario = with_parameters(csw.load_scenario("patrol"), {"n": 2})
     optimum = csw.optimal_value(scenario, 0.0, time_limit=0.3)  # ended by the time on a coarse grid
