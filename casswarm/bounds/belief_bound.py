@@ -313,13 +313,14 @@ def _slack(program: BeliefProgram, bound: float) -> float:
     """More than the rounding errors of a value: of risks, products, and places among beliefs.
 
     R exp(-R) is at most 1 / e, so an error of a risk relative to R moves a survival by less than
-    as much.
+    as much. A place that is wrong by a part of the sum of all weights, which is at most K, moves a
+    value by at most as much times the largest slope, however small the value is.
     """
     worst = max(rounding(costs, 1.0) for costs in program.costs)
     steps = len(program.grid.nodes)
     largest = math.exp(program.costs[0].max_terminal)
-    places = 64 * len(program.tasks) * (program.simplex.divisions + 1)
-    return UNIT * steps * (64 + places) * largest * max(bound, UNIT) + worst * largest
+    places = 16 * len(program.tasks) ** 2 * (program.simplex.divisions + 1)
+    return UNIT * steps * (64 * bound + places) * largest + worst * largest
 
 
 def best_belief_path(program: BeliefProgram) -> list[Node]:

@@ -22,6 +22,8 @@ Name: TypeAlias = Literal["mean", "worst", "cvar", "tv"]
 AmbiguityLike: TypeAlias = Literal["mean", "worst"] | tuple[Literal["cvar", "tv"], float]
 """What `plan` takes: the name of a set of priors, with its parameter if it has one."""
 
+_NEGLIGIBLE = 1e-10  # weight in a solver's answer that is none
+
 _ALLOWED = (
     "'mean', 'worst', ('cvar', a) with a level a above 0 and at most 1, or ('tv', r) with a "
     "distance r from 0 to 2"
@@ -104,7 +106,8 @@ class Ambiguity:
 
     def inside(self, weights: FloatArray, prior: FloatArray) -> FloatArray:
         """The nearest prior in Q on the way from weights (K,), a solver's answer, to `prior`."""
-        weights = np.maximum(weights, 0.0) / np.maximum(weights, 0.0).sum()
+        weights = np.where(weights > _NEGLIGIBLE, weights, 0.0)
+        weights /= weights.sum()
         for share in (0.0, *10.0 ** np.arange(-14, 0)):
             mixed = (1 - share) * weights + share * prior
             mixed /= mixed.sum()

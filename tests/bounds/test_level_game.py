@@ -27,6 +27,7 @@ def potential(scenario: Scenario, slope: float, largest: float, nodes: int = 100
 # --- rates by density
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("collides", [False, True])
 def test_least_rates_are_below_rates_of_formations(collides: bool) -> None:
     rng, tightest = np.random.default_rng(collides), np.inf

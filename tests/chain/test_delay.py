@@ -156,6 +156,7 @@ def test_ghosts_add_no_density_and_have_no_rate() -> None:
 # --- two members
 
 
+@pytest.mark.slow
 def test_optimal_values_of_two_members_are_in_order() -> None:
     """never <= d + 1 <= d <= 0 <= the bound of all policies, as far as the brackets tell."""
     scenario = pair(6, swarm__velocity=[1.0, 0.0])

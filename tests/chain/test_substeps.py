@@ -104,6 +104,7 @@ def test_exact_law_of_a_plan_counts_the_parts() -> None:
     assert stated.low == pytest.approx(exact.low, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_guide_does_not_depend_on_axes_or_units() -> None:
     one = parted(ONE, 3)
     guide, other = csw.plan(one), csw.plan(scaled(one, 10.0, 0.1))

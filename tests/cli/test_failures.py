@@ -32,6 +32,7 @@ def results(folder):
     return path, json.loads((path / "run.json").read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [SIMULATE, EVALUATE], ids=lambda a: a[0])
 def test_failing_bound_costs_no_tables_and_no_figures(tmp_path, arguments):
     done = failing(tmp_path, "bound", "memory", *arguments)

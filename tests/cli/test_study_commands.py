@@ -174,6 +174,7 @@ def test_evaluate_bounds_every_policy_and_writes_tables(tmp_path):
     assert arrival["leader"].sum() == pytest.approx(laws["success_low"][1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_evaluate_with_few_states_gives_advice(tmp_path):
     done = casswarm(
         tmp_path, "evaluate", "paper-1", "--policy", "leader", "--max-states", "10", "--quiet"

@@ -239,6 +239,7 @@ def test_printed_comparison_is_a_table_for_each_family_in_80_columns(known):
     assert max(map(len, lines)) <= 80
 
 
+@pytest.mark.slow
 def test_report_is_written_as_page_or_as_markdown_with_figures(known, tmp_path):
     comparison = known[0]
     comparison.report(tmp_path / "new" / "report.html")

@@ -50,6 +50,7 @@ def test_symmetric_gaps_are_mixed_equally(worst) -> None:
             assert survival == pytest.approx(np.exp(-risk), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_values_fall_from_the_mean_to_the_worst_case(worst) -> None:
     scenario = gaps(weights=(4.0, 1.0))
     chosen = ["mean", ("cvar", 0.9), ("cvar", 0.7), "worst"]

@@ -51,6 +51,7 @@ def test_replanning_with_late_news_is_not_worse_than_plan(first, delay):
     assert success.low < evaluate(CROWDED, feedback(first), tolerance=0).success.high
 
 
+@pytest.mark.slow
 def test_replanning_with_late_news_knows_who_may_be_lost():
     """A replan as if all who are believed to live did would be worse than the plan at a delay of 4:
     0.261656 against 0.261663.

@@ -283,6 +283,7 @@ def test_some_of_the_members_are_as_if_there_were_no_others() -> None:
     assert abreast(3).of_members([0, 1]) == abreast(2)
 
 
+@pytest.mark.slow
 def test_replanning_is_no_worse_and_serves_members_that_cannot_arrive_alone() -> None:
     """After the loss of all others, the slow member could not have come from the start."""
     scenario = three(steps=6).with_values({"swarm.kinds.slow.v_max": 1.3})

@@ -163,6 +163,7 @@ def study():
     return csw.compare(problems(), solvers, time_limit=2.0)
 
 
+@pytest.mark.slow
 def test_compare_reports_every_fault_with_reason(study):
     runs = study.runs.set_index(["solver", "problem"])
     assert len(runs) == 2 * (len(FAULTS) + 1)
@@ -176,6 +177,7 @@ def test_compare_reports_every_fault_with_reason(study):
     assert runs.loc["ipopt"]["solved"].all()
 
 
+@pytest.mark.slow
 def test_compare_counts_false_positives(study):
     runs = study.runs[study.runs["problem"] == "goal-1"].set_index("solver")
     for fault in ("nan", "infeasible success", "non-stationary success"):

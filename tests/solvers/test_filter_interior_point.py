@@ -258,6 +258,7 @@ def test_program_without_variables_is_judged() -> None:
     assert not SOLVER.solve_batch(nlp, one).success.any()
 
 
+@pytest.mark.slow
 def test_programs_with_too_many_operations_have_no_tapes() -> None:
     x, size = ca.SX.sym("x", 80), 80
     weights = np.random.default_rng(0).normal(size=(size, size))
