@@ -86,6 +86,8 @@ def check(sources: tuple[str, ...], consent: Consent) -> None:
 
     Code that a file names is only run with --allow-code; without it, such a file does not pass.
     """
+    from ..scenario.cases import radars_text
+
     valid, wrong = [], []
     for source in sources:
         try:
@@ -93,10 +95,9 @@ def check(sources: tuple[str, ...], consent: Consent) -> None:
         except csw.ScenarioError as error:
             wrong.append(str(error))
             continue
-        radars = len(scenario.hazard.radar_positions)
-        numbers = {"member": scenario.n, "radar": radars, "step": scenario.n_steps}
-        size = tuple(counted(number, noun) for noun, number in numbers.items())
-        valid.append((source, "valid", *size, str(scenario.hazard_table.kind)))
+        members, steps = counted(scenario.n, "member"), counted(scenario.n_steps, "step")
+        table = scenario.hazard_table
+        valid.append((source, "valid", members, radars_text(table), steps, str(table.kind)))
     if valid:
         click.echo(aligned(valid))
     if wrong:

@@ -14,6 +14,7 @@ from ..errors import CasswarmError, PlanningError, ScenarioError
 from ..guide.guide import Guide
 from ..policies.named import require_policy_name
 from ..scenario import Scenario
+from ..scenario.cases import require_known
 from ..scenario.scenario_files import require_scenario, save_scenario
 from ..scenario.variations import with_parameters
 from ..studies.simulation import Study
@@ -119,6 +120,7 @@ class Session:
         self, scenario: Scenario, policy: str = "leader", file: Path | None = None
     ) -> None:
         require_scenario("explore", scenario)
+        require_known(scenario)
         require_policy_name(policy)
         self.history = History(Moment(scenario, policy))
         self._file, self._version = file, 0

@@ -35,6 +35,7 @@ from ..guide.guide import Guide
 from ..guide.mixture import MixedGuide
 from ..joint import SwarmPlan
 from ..scenario import Scenario
+from ..scenario.cases import radars_text
 from ..studies.simulation import Study
 from ..studies.sweep import Sweep
 from ..studies.tables import count_notes, summary_texts
@@ -81,11 +82,10 @@ def view(result: object) -> View:
 
 @view.register
 def _(result: Scenario) -> View:
-    radars = [len(case.scenario.hazard.radar_positions) for case in result.cases]
-    each = f"{min(radars)} to {max(radars)} in each of {len(radars)} cases"
+    table = result.hazard_table
     values = {
         "members": result.n,
-        "radars": radars[0] if len(radars) == 1 else each,
+        "radars": radars_text(table) if table.case else len(table.starts),
         "target radius": f"{result.target.radius:g}",
         "steps": f"{result.n_steps} of {result.time.dt:g}",
         "v_max, a_max": f"{result.swarm.v_max:g}, {result.swarm.a_max:g}",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._util.text import counted
 from ..errors import ScenarioError
 from .consistency import core_radius
 from .hazard_table import HazardTable
@@ -48,6 +49,26 @@ def cases_of(scenario: Scenario) -> tuple[Case, ...]:
         Case(weight / total, scenario.with_hazard_table(own) if table.case else scenario)
         for own, weight in found.items()
     )
+
+
+def require_known(scenario: Scenario) -> None:
+    """Raise ScenarioError for a scenario with several cases."""
+    if (count := len(scenario.cases)) > 1:
+        raise ScenarioError(
+            f"scenario '{scenario.name}' has {count} cases of its hazard (hazard.case), and this "
+            "treats only a hazard that is known: take one of them, scenario.cases[k].scenario, or "
+            "plan a mixture of guides with ambiguity= (casswarm plan --ambiguity)",
+            key="hazard.case",
+            value=count,
+        )
+
+
+def radars_text(table: HazardTable) -> str:
+    """Number of radars of a hazard, or of each of its cases, as text."""
+    counts = [len(each.starts) for each in table.cases]
+    least, most = min(counts), max(counts)
+    number = counted(most, "radar") if least == most else f"{least} to {most} radars"
+    return number if len(counts) == 1 else f"{number} in each of {len(counts)} cases"
 
 
 def mean_table(scenario: Scenario, weights: ArrayLike) -> HazardTable:

@@ -15,9 +15,8 @@ from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_
 
 from .._util.display import Displayed
 from .._util.text import counted, shown
-from ..errors import ScenarioError
 from ..typing import FloatArray
-from .cases import Case, cases_of, mean_table
+from .cases import Case, cases_of, mean_table, radars_text, require_known
 from .consistency import contradictions, core_radius, in_reach
 from .hazard_table import HazardTable
 from .members import most_favourable, with_accelerations, with_equal_members
@@ -227,14 +226,7 @@ class Scenario(Displayed, Table):
         ScenarioError
             Several cases.
         """
-        if len(self.cases) > 1:
-            raise ScenarioError(
-                f"scenario '{self.name}' has {len(self.cases)} cases of its hazard "
-                "(hazard.case), and this treats only a hazard that is known: take one of them, "
-                "scenario.cases[k].scenario, or plan a mixture of guides with ambiguity=",
-                key="hazard.case",
-                value=len(self.cases),
-            )
+        require_known(self)
         table = self.hazard_table.cases[0]
         apart = core_radius(self.target, table)
         hazard = table.build(apart, self._context.get("folder"), self.time.dt)
@@ -506,7 +498,7 @@ class Scenario(Displayed, Table):
     def __repr__(self) -> str:
         table = self.hazard_table
         kind = table.kind if isinstance(table.kind, str) else "custom"
-        size = f"{counted(self.n, 'member')}, {counted(len(table.starts), 'radar')}, {kind} hazard"
+        size = f"{counted(self.n, 'member')}, {radars_text(table)}, {kind} hazard"
         return f"<Scenario '{self.name}': {size}, {counted(self.n_steps, 'step')}>"
 
     __str__ = __repr__

@@ -109,9 +109,10 @@ def _tables(data: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _lists_of_points(data: dict[str, Any]) -> list[list[list[float]]]:
-    """Positions of members, and of radars at rest where there are any."""
-    radars = data["hazard"].get("radars")
-    return [data["swarm"]["positions"], *([radars] if radars else [])]
+    """Positions of members, and of radars at rest where there are any, also in cases."""
+    tables = [data["hazard"], *data["hazard"].get("case", ())]
+    radars = [table["radars"] for table in tables if table.get("radars")]
+    return [data["swarm"]["positions"], *radars]
 
 
 def _coincide(data: dict[str, Any], rng: Random) -> None:
@@ -132,7 +133,8 @@ def _into_target(data: dict[str, Any], rng: Random) -> None:
 def _on_radar(data: dict[str, Any], rng: Random) -> None:
     """Put a member or the target onto a radar, or just outside its core."""
     moving = [radar.get("position") or radar["path"][0][1:] for radar in _tables(data)]
-    radar = rng.choice([*data["hazard"].get("radars", ()), *moving])
+    at_rest = [point for points in _lists_of_points(data)[1:] for point in points]
+    radar = rng.choice([*at_rest, *moving])
     core = data["target"]["radius"] / 50
     place = [radar[0] + rng.choice((0.0, core, core * (1 + 1e-9))), radar[1]]
     if rng.random() < 0.5:
