@@ -91,7 +91,7 @@ def test_wrong_cases_are_refused(cases, message) -> None:
         csw.optimal_value,
         csw.ValueFunction.from_scenario,
         csw.explore,
-        lambda s: csw.formation_problems(s, 1),
+        lambda s: csw.formation_problems(s, "leader"),
         lambda s: csw.sweep(s, {"formation.rho": [0.1]}, "leader").table["reason"].map(_raise),
     ],
 )
