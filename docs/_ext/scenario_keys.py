@@ -17,6 +17,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from casswarm.scenario import Scenario, builtin_scenarios, load_scenario
+from casswarm.scenario.cases import radars_text
 from casswarm.scenario.hazard_table import CONSTANTS
 from casswarm.scenario.validation import allowed, element_table, fields, has_names, subtable
 
@@ -108,8 +109,8 @@ def builtin() -> str:
     lines = []
     for name, description in builtin_scenarios().items():
         scenario = load_scenario(name)
-        radars = len(scenario.hazard.radar_positions)
-        numbers = (str(scenario.n), str(radars), str(scenario.n_steps))
+        radars = radars_text(scenario.hazard_table).replace(" radars", "").replace(" radar", "")
+        numbers = (str(scenario.n), radars, str(scenario.n_steps))
         lines.append((f"`{name}`", *numbers, marked(description)))
     return list_table(("Name", "Members", "Radars", "Steps", "Description"), lines, "16 9 9 9 57")
 
