@@ -18,13 +18,14 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled.parallel import execute
 from ..grid.belief_kernels import Simplex, write_values, write_visits
 from ..grid.dynamic_programming import START, Node, StageCosts, costs_to_come, rounding
-from ..grid.nodes import UNIT, Grid, NodeBlock, Relaxation, corners, extremum_within_reach
+from ..grid.nodes import UNIT, Grid, NodeBlock, Relaxation, corners, extremum_in_windows
 from ..typing import BoolArray, FloatArray
 from .refinement import Clock, refined
 
@@ -147,32 +148,43 @@ class BeliefProgram:
         """Number of values."""
         return self.grid.size * len(self.simplex.points)
 
-    def factors(self, sample: int, block: int) -> FloatArray:
-        """What a visit to every node of a block leaves of each weight, (P, K)."""
-        return np.stack([np.exp(-c.nodes[sample][block]).ravel() for c in self.costs], axis=1)
+    def factors(self, sample: int, block: int, part: Any = ...) -> FloatArray:
+        """What a visit to every node of a block, or of a part, leaves of each weight, (P, K)."""
+        return np.stack([np.exp(-c.nodes[sample][block][part]).ravel() for c in self.costs], axis=1)
 
     def stop(self, nodes: NodeBlock) -> FloatArray:
         """What stopping at the nodes of a block leaves of every weight, (P,)."""
         return np.exp(-self.costs[0].terminal(nodes)).ravel()
 
-    def backwards(self) -> Generator[tuple[int, list[FloatArray], list[FloatArray]], None, None]:
-        """Samples from the last one, with G and H at the nodes of every block, (P, B) each."""
-        beliefs, windows = len(self.simplex.points), [(*w, 0) for w in self.grid.windows]
-        values: list[FloatArray] = []
-        blocks: list[NodeBlock] = []
+    def backwards(self) -> Generator[BeliefSample, None, None]:
+        """Samples from the last one."""
+        visits: list[FloatArray] = []
         for sample in reversed(range(len(self.grid.nodes))):
-            after, visits = [], []
-            for number, nodes in enumerate(self.grid.nodes[sample]):
-                to_go = _greatest(values, blocks, _with(nodes, beliefs), windows)
-                out = np.empty_like(to_go)
-                visit = self.stop(nodes), self.factors(sample, number), self.prior, self.simplex
-                execute(write_visits, len(out), (to_go, *visit, out), _ROWS)
-                after.append(to_go)
-                visits.append(out)
-            shapes = [_with(nodes, beliefs) for nodes in self.grid.nodes[sample]]
-            values = [v.reshape(s.shape) for v, s in zip(visits, shapes, strict=True)]
-            blocks = shapes
-            yield sample, after, visits
+            nodes = self.grid.nodes[sample]
+            factors = [self.factors(sample, number) for number in range(len(nodes))]
+            after = [self.after(sample, visits, block) for block in nodes]
+            visits = list(map(self._visited, nodes, factors, after))
+            yield BeliefSample(sample, factors, after, visits)
+
+    def _visited(self, nodes: NodeBlock, factors: FloatArray, after: FloatArray) -> FloatArray:
+        """H (P, B) at the nodes of a block, from G."""
+        out = np.empty_like(after)
+        arguments = after, self.stop(nodes), factors, self.prior, self.simplex, out
+        execute(write_visits, len(out), arguments, _ROWS)
+        return out
+
+    def after(self, sample: int, visits: list[FloatArray], nodes: NodeBlock) -> FloatArray:
+        """G (P, B) at nodes of a sample, from H of the next one; 0 where none is within reach.
+
+        The start is sample -1.
+        """
+        beliefs = len(self.simplex.points)
+        blocks = self.grid.nodes[sample + 1] if visits else ()
+        shapes = [_with(block, beliefs) for block in blocks]
+        values = [v.reshape(s.shape) for v, s in zip(visits, shapes, strict=True)]
+        windows = [(*window, 0) for window in self.grid.windows]
+        found = extremum_in_windows(values, shapes, _with(nodes, beliefs), windows, largest=True)
+        return np.maximum(found, 0.0).reshape(-1, beliefs)
 
     def at(self, to_go: FloatArray, stop: FloatArray, left: FloatArray) -> FloatArray:
         """Values (P,) after visits that leave the parts (P, K) of the prior, with G in `to_go`."""
@@ -182,32 +194,23 @@ class BeliefProgram:
 
     def from_start(self, visits: list[FloatArray]) -> float:
         """Value at the start, from H of the first sample."""
-        beliefs, first = len(self.simplex.points), self.grid.nodes[0]
-        shapes = [_with(nodes, beliefs) for nodes in first]
-        values = [v.reshape(s.shape) for v, s in zip(visits, shapes, strict=True)]
-        windows = [(*w, 0) for w in self.grid.windows]
-        to_go = _greatest(values, shapes, _with(START, beliefs), windows)
         stop = self.stop(START) if self.grid.stride > 1 else np.zeros(1)
+        to_go = self.after(-1, visits, START)
         return float(self.at(to_go, stop, np.ones((1, len(self.prior))))[0])
+
+
+class BeliefSample(NamedTuple):
+    """Values at the nodes of every block of a sample, (P, B) each."""
+
+    sample: int
+    factors: list[FloatArray]  # (P, K), what a visit leaves of each weight
+    after: list[FloatArray]  # G, after a visit
+    visits: list[FloatArray]  # H, before it
 
 
 def _with(nodes: NodeBlock, beliefs: int) -> NodeBlock:
     """A block of nodes with an axis of beliefs."""
     return NodeBlock((*nodes.first, 0), (*nodes.shape, beliefs))
-
-
-def _greatest(
-    values: list[FloatArray],
-    blocks: list[NodeBlock],
-    to: NodeBlock,
-    windows: Sequence[tuple[int, ...]],
-) -> FloatArray:
-    """Greatest value (P, B) within reach of every node, 0 where there is none."""
-    found = np.zeros(to.shape)
-    for window in windows:
-        near = extremum_within_reach(values, blocks, to, window, largest=True)
-        np.maximum(found, near, out=found)
-    return found.reshape(-1, to.shape[-1])
 
 
 def mixture_bound(
@@ -300,12 +303,13 @@ def _swept(program: BeliefProgram) -> tuple[float, list[list[FloatArray]]]:
     grid, come = program.grid, [list(costs_to_come(costs)) for costs in program.costs]
     through: list[list[FloatArray]] = [[] for _ in grid.nodes]
     first: list[FloatArray] = []
-    for sample, after, visits in program.backwards():
-        first = visits
-        for number, nodes in enumerate(grid.nodes[sample]):
-            left = [np.exp(-case[sample][number]).ravel() for case in come]
-            arriving = np.stack(left, axis=1) * program.factors(sample, number)
-            through[sample].append(program.at(after[number], program.stop(nodes), arriving))
+    for found in program.backwards():
+        first = found.visits
+        for number, nodes in enumerate(grid.nodes[found.sample]):
+            left = [np.exp(-case[found.sample][number]).ravel() for case in come]
+            arriving = np.stack(left, axis=1) * found.factors[number]
+            values = program.at(found.after[number], program.stop(nodes), arriving)
+            through[found.sample].append(values)
     return program.from_start(first), through
 
 
@@ -325,9 +329,7 @@ def _slack(program: BeliefProgram, bound: float) -> float:
 
 def best_belief_path(program: BeliefProgram) -> list[Node]:
     """Nodes of a path from the start that follows the greatest values, its weights exact."""
-    after: list[list[FloatArray]] = [[] for _ in program.grid.nodes]
-    for sample, to_go, _ in program.backwards():
-        after[sample] = to_go
+    after = [found.after for found in program.backwards()][::-1]
     path, left, stopping = [(0, 0)], np.ones(len(program.prior)), 0.0
     for sample, blocks in enumerate(program.grid.nodes):
         best, following = stopping * (1 + 1e-12), None
@@ -335,9 +337,11 @@ def best_belief_path(program: BeliefProgram) -> list[Node]:
             near = NodeBlock(path[-1], (1, 1)).grown(window).common(block)
             if 0 in near.shape:
                 continue
-            rows = np.arange(block.size).reshape(block.shape)[near.within(block)].ravel()
-            parts = left * program.factors(sample, number)[rows]
-            values = program.at(after[sample][number][rows], program.stop(near), parts)
+            part = near.within(block)
+            parts = left * program.factors(sample, number, part)
+            to_go = after[sample][number].reshape(*block.shape, -1)[part]
+            to_go = to_go.reshape(len(parts), -1)
+            values = program.at(to_go, program.stop(near), parts)
             at = int(values.argmax())
             if values[at] > best:
                 i, j = divmod(at, near.shape[1])

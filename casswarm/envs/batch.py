@@ -154,7 +154,7 @@ class SwarmBatch:
             self.scenario.success.arrivals,
             self.scenario.swarm.counting,
             self.scenario.n_steps,
-            -1 if self.scenario.delay is None else self.scenario.delay,
+            self.scenario.n_steps if self.scenario.delay is None else self.scenario.delay,
         )
 
     def seed(self, seed: int, rows: BoolArray) -> None:

@@ -58,7 +58,7 @@ class Limits(NamedTuple):
     arrivals: int
     counting: BoolArray  # (n,)
     n_steps: int
-    delay: int  # number of steps after which losses are known, -1 for never
+    delay: int  # number of steps after which losses are known; n_steps for never
 
 
 class Ends(NamedTuple):
@@ -134,10 +134,8 @@ def advance(
             survives = draws[i] < 1.0 - risk - _ROUNDING or draws[i] < math.exp(-risk)
             alive = swarms.alive[b, i] and survives
             late = 0
-            if not alive and swarms.alive[b, i]:
-                late = limits.delay if limits.delay >= 0 else 1
-            elif not alive:
-                late = max(swarms.late[b, i] - (limits.delay >= 0), 0)
+            if not alive:
+                late = limits.delay if swarms.alive[b, i] else max(swarms.late[b, i] - 1, 0)
             swarms.alive[b, i], swarms.late[b, i] = alive, late
             believed = alive or late > 0
             for axis in range(2):

@@ -424,14 +424,14 @@ def swarm_map(
         dots = (0, (1, 4))  # paths remain visible between them
         axes.plot(*guide.positions.T, color=INK, lw=scaled(0.9), ls=dots, zorder=5, label="guide")
     _mark_losses(axes, scenario, trajectory)
-    add_ghost_paths(axes, trajectory)
+    _add_ghost_paths(axes, trajectory)
     _close_up(axes, scenario, paths, followed)
     add_legend(axes)
     add_title(axes, heading(title, scenario.name, ending(trajectory)))
     return fig
 
 
-def add_ghost_paths(axes: Axes, trajectory: RunTrajectory) -> None:
+def _add_ghost_paths(axes: Axes, trajectory: RunTrajectory) -> None:
     """Add a dashed path of every member from its loss until that is known."""
     few, label = trajectory.alive.shape[1] <= len(MEMBERS), "ghost"
     for member, path in enumerate(trajectory.ghost_paths()):

@@ -19,7 +19,7 @@ import numpy as np
 from ..hazard import Hazard
 from ..hazard.rate_bounds import cap_radius
 from ..typing import FloatArray
-from .nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, Window, extremum_within_reach
+from .nodes import UNIT, CellBlock, Grid, NodeBlock, Relaxation, Window, extremum_in_windows
 
 Node: TypeAlias = tuple[int, int]
 Values: TypeAlias = list[list[FloatArray]]
@@ -193,7 +193,7 @@ def backwards(
     grid, values = stage_costs.grid, list[FloatArray]()
     blocks: tuple[NodeBlock, ...] = ()
     for nodes, costs in zip(reversed(grid.nodes), reversed(stage_costs.nodes), strict=True):
-        after = [least_within_reach(values, blocks, each, grid.windows) for each in nodes]
+        after = [extremum_in_windows(values, blocks, each, grid.windows) for each in nodes]
         for to_go, each in zip(after, nodes, strict=True):
             np.minimum(to_go, stage_costs.terminal(each), out=to_go)
         scaled = costs if scale == 1.0 else [cost * scale for cost in costs]
@@ -228,7 +228,7 @@ def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
     values: list[FloatArray] = [np.zeros((1, 1))]
     last: tuple[NodeBlock, ...] = (START,)
     for blocks, costs in zip(grid.nodes, stage_costs.nodes, strict=True):
-        to_come = [least_within_reach(values, last, nodes, grid.windows) for nodes in blocks]
+        to_come = [extremum_in_windows(values, last, nodes, grid.windows) for nodes in blocks]
         yield to_come
         values = [value + cost for value, cost in zip(to_come, costs, strict=True)]
         last = blocks
@@ -237,20 +237,10 @@ def costs_to_come(stage_costs: StageCosts) -> Iterator[list[FloatArray]]:
 def least_cost(stage_costs: StageCosts, to_go: Values) -> float:
     """Least cost of a path from the start, from the result of `costs_to_go`."""
     grid = stage_costs.grid
-    least = least_within_reach(to_go[0], grid.nodes[0], START, grid.windows)
+    least = extremum_in_windows(to_go[0], grid.nodes[0], START, grid.windows)
     if grid.stride > 1:  # a path may arrive before its first sample
         least = np.minimum(least, stage_costs.terminal(START))
     return float(least[0, 0])
-
-
-def least_within_reach(
-    values: list[FloatArray], blocks: Sequence[NodeBlock], to: NodeBlock, windows: Sequence[Window]
-) -> FloatArray:
-    """Least value at the nodes of any block in any of the windows around each of the nodes `to`."""
-    least = extremum_within_reach(values, blocks, to, windows[0])
-    for window in windows[1:]:
-        np.minimum(least, extremum_within_reach(values, blocks, to, window), out=least)
-    return least
 
 
 def best_node(

@@ -222,6 +222,23 @@ def extremum_within_reach(
     return np.full(to.shape, -np.inf if largest else np.inf) if best is None else best
 
 
+def extremum_in_windows(
+    sources: Sequence[FloatArray],
+    blocks: Sequence[NodeBlock],
+    to: NodeBlock,
+    windows: Sequence[Window],
+    *,
+    largest: bool = False,
+) -> FloatArray:
+    """Least (or largest) value at the nodes of any block in any window around each of `to`."""
+    combine = np.maximum if largest else np.minimum
+    best = extremum_within_reach(sources, blocks, to, windows[0], largest=largest)
+    for window in windows[1:]:
+        other = extremum_within_reach(sources, blocks, to, window, largest=largest)
+        combine(best, other, out=best)
+    return best
+
+
 def multilinear(values: FloatArray, cells: IntArray, fractions: FloatArray) -> FloatArray:
     """Interpolation (B,) of values along N axes in cells (B, N), at fractions (B, N) of a cell.
 

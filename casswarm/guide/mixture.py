@@ -23,7 +23,7 @@ from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..bounds import MixtureBound, mixture_bound
 from ..bounds.belief_bound import DIVISIONS, MAX_CASES, BeliefProgram, best_belief_path, simplex
-from ..bounds.risk_bound import arrival_multiplier
+from ..bounds.risk_bound import GAP, arrival_multiplier
 from ..errors import PlanningError
 from ..grid.nodes import Grid, Relaxation
 from ..motion.kinematics import integrate
@@ -237,11 +237,9 @@ class _Game:
         """X(0..T) of a candidate."""
         return integrate(self.task.start, candidate.velocities, self.task.dt)
 
-    def solved(self) -> tuple[FloatArray, FloatArray, float]:
-        """The best mixture (P,), the worst prior (K,) and the value."""
-        table = np.array(self.survivals)
-        weights, prior = self.ambiguity.game(table, self.prior)
-        return weights, prior, self.ambiguity.least(weights @ table, self.prior)
+    def solved(self) -> tuple[FloatArray, FloatArray]:
+        """The best mixture (P,), and the worst prior (K,)."""
+        return self.ambiguity.game(np.array(self.survivals), self.prior)
 
     @cached_property
     def tasks(self) -> list[Relaxation]:
@@ -284,7 +282,7 @@ class _Game:
         for guide in guides:
             self.add(self.multistart(self.prior).candidates_near(guide))
         for number in range(_ROUNDS):
-            weights, prior, _ = self.solved()
+            weights, prior = self.solved()
             if progress is not None:
                 progress("improving the mixture", number, None)
             if time.monotonic() > self.deadline or not self.improve(weights, prior):
@@ -295,9 +293,8 @@ def plan_mixture(
     scenario: Scenario,
     ambiguity: AmbiguityLike | Ambiguity = "mean",
     *,
-    solver: Solver | None = None,
     certify: bool = True,
-    gap: float = 0.01,
+    gap: float = GAP,
     time_limit: float | None = None,
     progress: Progress | None = None,
 ) -> MixedGuide:
@@ -329,7 +326,7 @@ def plan_mixture(
             f"no guide of case {failed[0]} arrives: see plan(scenario.cases[{failed[0]}].scenario)",
             case=failed[0],
         )
-    game = _Game(cases, prior, chosen, task, solver or make_solver("ipopt"), deadline)
+    game = _Game(cases, prior, chosen, task, make_solver("ipopt"), deadline)
     game.run(guides, progress)
     mixed = _mixed_guide(game, guides)
     if not certify:
@@ -342,7 +339,7 @@ def plan_mixture(
 
 def _mixed_guide(game: _Game, guides: Sequence[Guide]) -> MixedGuide:
     """The best mixture of a game's paths, not certified."""
-    weights, worst, _ = game.solved()
+    weights, worst = game.solved()
     rows = [int(row) for row in np.argsort(-weights, kind="stable") if weights[row] > _SUPPORT]
     kept = weights[rows] / weights[rows].sum()
     table = np.array(game.survivals)
@@ -406,8 +403,7 @@ def _certified(
     chosen = [tasks[row] for row in rows]
     bound = mixture_bound(chosen, prior, mixed.value.low, multiplier, **options)
     limits = "" if np.isinf(game.task.a_max) else "the bound ignores limits of acceleration"
-    high = max(min(1.0, bound.value), mixed.value.low)
-    return replace(mixed, value=Interval(mixed.value.low, high), bound=bound, note=limits)
+    return replace(mixed, value=Interval(mixed.value.low, bound.value), bound=bound, note=limits)
 
 
 def _multiplier(game: _Game, mixed: MixedGuide, tasks: Sequence[Relaxation]) -> float:
@@ -420,8 +416,7 @@ def _multiplier(game: _Game, mixed: MixedGuide, tasks: Sequence[Relaxation]) -> 
     search = game.multistart(mixed.worst_prior, free)
     found = []
     for path in mixed.paths[:2]:
-        arrival = path.arrival
-        candidates = search.candidates_along(GridPath(path.positions, 1, ""), [arrival])
+        candidates = search.candidates_along(GridPath(path.positions, 1, ""), [path.arrival])
         found += [game.positions(one) for one in candidates if np.isfinite(one.risk)]
     multipliers = []
     for positions in found:
