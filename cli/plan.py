@@ -218,7 +218,7 @@ def plan(
     if not solving.certify:
         refuse("no bound is computed with --no-certify", "gap")
     if solving.ambiguity is not None:
-        refuse("--ambiguity plans a mixture of guides", "with_map", "solver")
+        refuse("--ambiguity plans a mixture of guides", "with_map", "solver", "verbose")
     reference = solving.solver == "projected-gradient"
     if reference and any(value is not None for value in planning.values.values()):
         raise WrongInput(

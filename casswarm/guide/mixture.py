@@ -51,6 +51,9 @@ _SUPPORT = 1e-9  # weight of a path that counts
 class MixedGuide(Displayed):
     """A distribution over guides for a hazard that is not known, and what it is worth.
 
+    Several mixtures may have the same value, up to the gap: `paths`, `weights` and `worst_prior`
+    are those of one of them.
+
     Parameters
     ----------
     paths : tuple of Guide

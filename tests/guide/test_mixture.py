@@ -171,6 +171,7 @@ def test_command_writes_the_mixture_and_draws_it_again(tmp_path) -> None:
         (("two-gaps",), "say with --ambiguity"),
         (("two-gaps", "--ambiguity", "cvar:7"), "no set of priors"),
         (("two-gaps", "--ambiguity", "mean", "--map"), "--map does not apply"),
+        (("two-gaps", "--ambiguity", "mean", "--verbose"), "--verbose does not apply"),
     ):
         refused = casswarm("plan", *arguments)
         assert refused.returncode == 2 or refused.returncode == 1
