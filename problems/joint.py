@@ -32,6 +32,9 @@ being alive, s_i(0) = 1, and sees the others with these probabilities as weights
     F = prod_i (1 - s_i(T_i)) for success,    1 - sum_i s_i(T_i) / n for the other two.
 
 This is an approximation, neither a bound nor exact (except for n = 1).
+
+**Hazards that are not known.** With rates that depend on a case k of prior p_k, F is the mean
+sum_k p_k F^k of those of the cases.
 """
 
 from __future__ import annotations
@@ -93,14 +96,17 @@ class JointForm:
 
 
 @locked_cache(maxsize=64)
-def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
+def joint_nlp(
+    hazard: Hazard | tuple[Hazard, ...], form: JointForm, hessian: bool = True
+) -> Nlp:
     """The program of `casswarm.problems.joint`, in steps and in lengths of a step at v_max.
 
-    Blocks have a column per step; those of points hold (x_1, y_1, ..., x_n, y_n). `hessian` tells
+    Several hazards are those of K cases, and their prior (K,) is a parameter. Blocks have a column per step; those of points hold (x_1, y_1, ..., x_n, y_n). `hessian` tells
     whether to build second derivatives in CasADi, which takes a second with a hundred steps;
     casswarm's own solver has others if the rates are made of kernels.
     """
     n, steps = form.n, form.horizon
+    hazards = hazard if isinstance(hazard, tuple) else (hazard,)
     sets = 2**n if form.exact else 0  # the mean field has no blocks of sets
     shapes = {
         "continues": (sets, steps),
@@ -113,6 +119,7 @@ def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
         "origin": (2, 1),
         "length": (1, 1),
         "clock": (1, 1),
+        "prior": (len(hazards) if len(hazards) > 1 else 0, 1),
     }
     p = {name: ca.MX.sym(name, *shape) for name, shape in shapes.items() if all(shape)}
     V = ca.MX.sym("velocities", 2 * n, steps)
@@ -130,14 +137,12 @@ def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
         constraints["separation"] = _squares(ca.mtimes(differences, X))
     points = ca.repmat(p["origin"], n, steps) + p["length"] * X
     if form.exact:
-        functions = _by_step(_step, hazard, form)
-        clocks = ca.repmat(p["clock"], 1, steps)
-        reverse = [each[:, ::-1] for each in (points, p["continues"], p["costs"])]
-        backwards = _accumulated(functions[::-1], p["last_cost"], *reverse, clocks)
-        values = backwards[:, ::-1]  # F_0, ..., F_{N-1}
-        objective = _log_odds(values[-1, 0])
+        recursions = [_recursion(each, form, p, points) for each in hazards]
+        failures = ca.vertcat(*(values[-1, 0] for _, values in recursions))
+        prior = p.get("prior", 1.0)
+        objective = _log_odds(ca.dot(prior, failures) if len(hazards) > 1 else failures)
     else:
-        objective = _mean_field(hazard, form, p, points)
+        objective = _mean_field(*hazards, form, p, points)
     program = Nlp(
         name=f"joint[{n}, {steps}, {form.objective}{'' if form.exact else ', mean field'}]",
         variables={"velocities": V},
@@ -146,10 +151,21 @@ def joint_nlp(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
         constraints=constraints,
     )
     if hessian and form.exact and n <= MAX_MEMBERS:
-        of_lagrangian = lagrangian_hessian(program, functions, points, values, _log_odds)
+        of_lagrangian = lagrangian_hessian(program, recursions, points, prior, _log_odds)
         if of_lagrangian is not None:
             program = program.with_attachments(LagrangianHessian(of_lagrangian))
     return program
+
+
+def _recursion(
+    hazard: Hazard, form: JointForm, p: Mapping[str, Expr], points: Expr
+) -> tuple[list[Expr], Expr]:
+    """CasADi Functions of the steps, and F_0, ..., F_{N-1} (2^n, N)."""
+    functions = _by_step(_step, hazard, form)
+    clocks = ca.repmat(p["clock"], 1, form.horizon)
+    reverse = [each[:, ::-1] for each in (points, p["continues"], p["costs"])]
+    backwards = _accumulated(functions[::-1], p["last_cost"], *reverse, clocks)
+    return functions, backwards[:, ::-1]
 
 
 def _log_odds(failure: Expr) -> Expr:
@@ -255,6 +271,8 @@ class JointTask:
         Members whose arrival counts; all by default.
     known : int
         Number of first steps whose velocities are those of the guess.
+    prior : (K,), optional
+        Of the cases of a hazard that is not known.
     """
 
     start: FloatArray
@@ -268,12 +286,14 @@ class JointTask:
     needed: int = 1
     counting: BoolArray | None = None
     known: int = 0
+    prior: FloatArray | None = None
 
     @classmethod
     def from_scenario(
         cls, scenario: Scenario, initial_velocities: FloatArray, min_distance: float = 0.0
     ) -> JointTask:
         """Task of a scenario's members with V(-1) = `initial_velocities` (n, 2)."""
+        weights = [case.weight for case in scenario.cases]
         return cls(
             start=scenario.positions,
             initial_velocities=initial_velocities,
@@ -285,6 +305,7 @@ class JointTask:
             min_distance=min_distance,
             needed=scenario.success.arrivals,
             counting=None if scenario.swarm.kind is None else scenario.swarm.counting,
+            prior=None if len(weights) == 1 else np.array(weights),
         )
 
 
@@ -332,6 +353,8 @@ def _instance(
         counting = arriving if task.counting is None else arriving & task.counting
         costs, ended, last_cost = terminal_costs(form.objective, n, counting, task.needed)
         terminal = {"continues": ~ended, "costs": costs, "last_cost": last_cost[None]}
+    if task.prior is not None:
+        terminal["prior"] = task.prior[None]
     change = np.where(free, changes, np.inf)
     early = (arrivals > 0) & (arrivals <= task.known)
     reach = np.where(early, np.inf, task.radius - task.margin)[:, None]

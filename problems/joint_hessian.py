@@ -28,34 +28,47 @@ MAX_MEMBERS = 6
 
 
 def lagrangian_hessian(
-    nlp: Nlp, steps: Sequence[Expr], points: Expr, values: Expr, odds: Callable[[Expr], Expr]
+    nlp: Nlp,
+    cases: Sequence[tuple[Sequence[Expr], Expr]],
+    points: Expr,
+    prior: Expr,
+    odds: Callable[[Expr], Expr],
 ) -> Expr | None:
     """CasADi Function (x, p, lam_f, lam_g) of the upper triangle that ``hess_lag`` expects.
 
-    The program has parameters continues, costs, last_cost and clock; `steps` are Functions (F, x,
-    g, c, clock) of S(x) (c + g F), one for each step or one for all; `points` (2 n, N) are X(1),
-    ..., X(N), linear in the variables, `values` (2^n, N) F_0, ..., F_{N-1}, and `odds` takes F to
-    the objective. None for steps that are not of scalar operations, as with a user's callback.
+    The program has parameters continues, costs, last_cost and clock. Each case has its steps,
+    Functions (F, x, g, c, clock) of S(x) (c + g F), one for each step or one for all, and values
+    (2^n, N) F_0, ..., F_{N-1}. `points` (2 n, N) are X(1), ..., X(N), linear in the variables, and
+    `odds` takes the mean of F over the cases by their `prior` (K,) to the objective. None for steps
+    that are not of scalar operations, as with a user's callback.
     """
-    if not steps[0].is_a("SXFunction"):
+    if not all(steps[0].is_a("SXFunction") for steps, _ in cases):
         return None
-    derivatives = [_step_derivatives(step, values.shape[0], points.shape[0]) for step in steps]
-    p = nlp.parameters
-    after = p["costs"] + p["continues"] * ca.horzcat(values[:, 1:], p["last_cost"])
-    gradient, hessian = _by_points(derivatives, after, p["continues"], points, p["clock"])
+    failures = ca.vertcat(*(values[-1, 0] for _, values in cases))
+    each = [_of_failure(nlp, steps, values, points) for steps, values in cases]
+    gradient = ca.mtimes(ca.horzcat(*(first for first, _ in each)), prior)
+    hessian = sum(ca.MX(prior)[k] * second for k, (_, second) in enumerate(each))
     jacobian = ca.jacobian(ca.vec(points), nlp.x)
     gradient = ca.mtimes(jacobian.T, gradient)
     hessian = ca.mtimes(jacobian.T, ca.mtimes(hessian, jacobian))
     failure = ca.MX.sym("F")
     first = ca.gradient(odds(failure), failure)
     second = ca.gradient(first, failure)
-    at = ca.Function("odds", [failure], [first, second])(values[-1, 0])
+    at = ca.Function("odds", [failure], [first, second])(ca.dot(prior, failures))
     weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.g.shape[0])
     constraints = ca.hessian(ca.dot(multipliers, nlp.g), nlp.x)[0]
     objective = at[0] * hessian + at[1] * ca.mtimes(gradient, gradient.T)
     lagrangian = weight * objective + constraints
     arguments = [nlp.x, nlp.p, weight, multipliers]
     return ca.Function("nlp_hess_l", arguments, [ca.triu(ca.densify(lagrangian))])
+
+
+def _of_failure(nlp: Nlp, steps: Sequence[Expr], values: Expr, points: Expr) -> tuple[Expr, Expr]:
+    """Gradient and Hessian of the failure of a case in X(1), ..., X(N)."""
+    derivatives = [_step_derivatives(step, values.shape[0], points.shape[0]) for step in steps]
+    p = nlp.parameters
+    after = p["costs"] + p["continues"] * ca.horzcat(values[:, 1:], p["last_cost"])
+    return _by_points(derivatives, after, p["continues"], points, p["clock"])
 
 
 def _by_points(

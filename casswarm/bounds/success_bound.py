@@ -28,6 +28,7 @@ from .._util.text import shown
 from ..grid.dynamic_programming import StageCosts, costs_to_go, least_cost, rounding, trace
 from ..grid.nodes import Grid, NodeBlock, Relaxation, extremum_within_reach, multilinear, node_count
 from ..scenario import Scenario
+from ..scenario.ambiguity import Ambiguity, AmbiguityLike
 from ..scenario.scenario_files import require_scenario
 from ..typing import FloatArray
 from .level_game import Effort, game_bound
@@ -62,6 +63,9 @@ class SuccessBound:
         Time that it took.
     limited : bool
         Whether the time limit ended its refinement: on a faster machine it might be lower.
+    cases : tuple of SuccessBound
+        Of a hazard that is not known, the bound of every case: `failure` is the least mean of
+        theirs over the possible priors, and holds even if members knew the case.
     """
 
     failure: float
@@ -70,6 +74,7 @@ class SuccessBound:
     method: str = CLOCKS
     seconds: float = 0.0
     limited: bool = False
+    cases: tuple[SuccessBound, ...] = ()
 
     @property
     def certified(self) -> bool:
@@ -87,8 +92,10 @@ class SuccessBound:
     def as_dict(self) -> dict[str, object]:
         """Plain values, for a record."""
         names = ("failure", "risks", "certified", "reason", "method", "seconds", "limited")
-        values = {name: getattr(self, name) for name in names}
-        return {"bound": self.value} | values | {"risks": list(self.risks)}
+        values = {name: getattr(self, name) for name in names} | {"risks": list(self.risks)}
+        if self.cases:
+            values["cases"] = [case.value for case in self.cases]
+        return {"bound": self.value} | values
 
     def __str__(self) -> str:
         if not self.certified:
@@ -110,6 +117,7 @@ def success_bound(
     max_work: float = MAX_WORK,
     accuracy: float = ACCURACY,
     time_limit: float = math.inf,
+    ambiguity: AmbiguityLike = "mean",
 ) -> SuccessBound:
     """Proven upper bound on the success probability of every policy.
 
@@ -133,7 +141,11 @@ def success_bound(
         The level game is refined until this raises the lower bound on the probability of failure by
         less than this fraction of it.
     time_limit : float
-        Seconds after which no further game is begun.
+        Seconds after which no further game is begun, of every case if the hazard is not known.
+    ambiguity : str or (str, float)
+        Of a hazard that is not known: the priors against which no policy exceeds the bound, as in
+        `casswarm.plan`; by default the scenario's own. The bound is the least mean over these of
+        those of the cases.
 
     Returns
     -------
@@ -145,7 +157,10 @@ def success_bound(
     ------
     ValueError
         Fewer than a thousand nodes, an infinite work, or a negative work, accuracy or time.
+    PlanningError
+        An unknown set of priors.
     """
+    chosen = Ambiguity.of(ambiguity)
     require_scenario("success_bound", scenario)
     if max_nodes < 1000:
         raise ValueError(f"max_nodes = {shown(max_nodes)}; allowed: whole numbers from 1000")
@@ -156,7 +171,23 @@ def success_bound(
     if max_work == math.inf:
         raise ValueError("max_work = inf; allowed: finite numbers from 0, for example 1e9")
     compute = _bound if time_limit == math.inf else _bound.__wrapped__  # which may be limited
-    return compute(scenario, max_nodes, max_work, accuracy, time_limit)
+    options = max_nodes, max_work, accuracy, time_limit
+    cases = [compute(case.scenario, *options) for case in scenario.cases]
+    if len(cases) == 1:
+        return cases[0]
+    prior = np.array([case.weight for case in scenario.cases])
+    worst = chosen.worst_prior(np.array([1.0 - case.failure for case in cases]), prior)
+    used = [case for case, weight in zip(cases, worst, strict=True) if weight > 0]
+    failure = _ROUND_DOWN * float(worst @ [case.failure for case in cases])
+    return SuccessBound(
+        failure if all(case.certified for case in used) else 0.0,
+        tuple(np.min([case.risks for case in cases], axis=0).tolist()),
+        next((case.reason for case in used if case.reason), ""),
+        CLOCKS if all(case.method == CLOCKS for case in used) else GAME,
+        math.fsum(case.seconds for case in cases),
+        any(case.limited for case in cases),
+        tuple(cases),
+    )
 
 
 @lru_cache(maxsize=64)

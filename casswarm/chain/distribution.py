@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,19 @@ import numpy as np
 from .._util.display import Displayed
 from ..typing import FloatArray, Interval
 from .confidence import LEVEL, stratified_interval
+
+
+_LINEAR = (
+    "arrival",
+    "survivors",
+    "members",
+    "population",
+    "residual_mass_before",
+    "residual_mass",
+    "infeasible",
+    "failures",
+)
+"""Values of a distribution that are means over the cases of a hazard that is not known."""
 
 
 class Band(NamedTuple):
@@ -57,6 +71,9 @@ class OutcomeDistribution(Displayed):
         Requested upper limit of `residual_mass`.
     aggregation_tol : float
         Spacing of the lattice of positions; 0 without a lattice.
+    cases : tuple of (weight, OutcomeDistribution)
+        Of a hazard that is not known: the prior weight of every case, and the distribution if it
+        is the true one. All other values are then those of the prior. Empty if it is known.
     """
 
     policy: str
@@ -71,6 +88,19 @@ class OutcomeDistribution(Displayed):
     failures: float
     tolerance: float
     aggregation_tol: float
+    cases: tuple[tuple[float, OutcomeDistribution], ...] = ()
+
+    @classmethod
+    def of_cases(cls, cases: Sequence[tuple[float, OutcomeDistribution]]) -> OutcomeDistribution:
+        """The distribution for a prior over cases, the mean of theirs; of one case, its own."""
+        first = cases[0][1]
+        if len(cases) == 1:
+            return first
+        means = {
+            name: sum(weight * getattr(each, name) for weight, each in cases) for name in _LINEAR
+        }
+        states = sum(each.states for _, each in cases)
+        return replace(first, **means, states=states, cases=tuple(cases))
 
     @property
     def success(self) -> Interval:
@@ -117,6 +147,8 @@ class OutcomeDistribution(Displayed):
             f"{self.policy}: success between {low:.6f} and {high:.6f}, "
             f"{self.states} distinct states solved{rounded}"
         )
+        if self.cases:
+            text += f"; by case {', '.join(f'{each.success.midpoint:.4f}' for _, each in self.cases)}"
         return text if self.complete else f"{text}; {self.advice}"
 
     @property
@@ -152,6 +184,9 @@ class Estimate:
         Distinct states solved, enumerated or sampled.
     level : float
         Confidence level of the interval.
+    cases : tuple of (weight, Estimate)
+        Of a hazard that is not known: the prior weight of every case, and the estimate if it is the
+        true one. All other values are then those of the prior. Empty if it is known.
     """
 
     enumerated: OutcomeDistribution
@@ -163,10 +198,35 @@ class Estimate:
     seed: int
     states: int
     level: float = LEVEL
+    cases: tuple[tuple[float, Estimate], ...] = ()
+
+    @classmethod
+    def of_cases(cls, cases: Sequence[tuple[float, Estimate]]) -> Estimate:
+        """The estimate for a prior over cases; of one case, its own."""
+        first = cases[0][1]
+        if len(cases) == 1:
+            return first
+        enumerated = OutcomeDistribution.of_cases([(w, each.enumerated) for w, each in cases])
+        means = {
+            name: sum(weight * getattr(each, name) for weight, each in cases)
+            for name in ("sampled_mass", "pruned_mass")
+        }
+        sums = {
+            name: sum(getattr(each, name) for _, each in cases)
+            for name in ("runs", "successes", "effective_runs", "states")
+        }
+        return replace(first, enumerated=enumerated, **means, **sums, cases=tuple(cases))
 
     @property
     def success(self) -> Interval:
-        """Interval of the success probability, of confidence `level`."""
+        """Interval of the success probability, of confidence `level`.
+
+        Over K cases, the mean of their intervals of confidence 1 - (1 - `level`) / K.
+        """
+        if self.cases:
+            level = 1.0 - (1.0 - self.level) / len(self.cases)
+            intervals = [(w, replace(each, level=level).success) for w, each in self.cases]
+            return Interval(*(sum(w * each[end] for w, each in intervals) for end in (0, 1)))
         low, high = self.enumerated.success
         if not self.runs:
             return Interval(low, high)

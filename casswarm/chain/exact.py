@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -96,6 +96,8 @@ class StateSpaceExpansion:
     initial_velocities : (n, 2)
         V(-1).
     options : ExpansionOptions
+    case : int
+        The true case of a hazard that is not known.
 
     Attributes
     ----------
@@ -123,6 +125,7 @@ class StateSpaceExpansion:
         policy: Policy,
         initial_velocities: FloatArray,
         options: ExpansionOptions,
+        case: int = 0,
     ) -> None:
         self.scenario, self.policy, self.options = scenario, policy, options
         n, steps = scenario.n, scenario.n_steps
@@ -133,7 +136,8 @@ class StateSpaceExpansion:
         self.population, self.ended = np.zeros((2, steps + 1, n + 1))
         self.population[0, n] = 1.0
         self.solved, self.infeasible, self.failures = 0, 0.0, 0.0
-        self.frontier.add(0, States.initial(scenario, initial_velocities))
+        states = States.initial(scenario, initial_velocities, weighs=policy.weighs_cases)
+        self.frontier.add(0, replace(states[[case]], weights=np.ones(1)))
 
     @property
     def done(self) -> bool:

@@ -45,6 +45,7 @@ class Purpose(IntEnum):
     RUNS = 0
     PILOT = 1
     STRATA = 2
+    CASES = 3
 
 
 def uniforms(
@@ -182,8 +183,9 @@ class TrajectoryRecorder:
         positions, survivors = self.positions[-1].copy(), self.alive[-1].copy()
         leaders = np.full(self.runs, -1)
         if rows.size:
+            given = policy if states.belief is None else policy.given(states.belief)
             with policy_call(policy.name, step):
-                leaders[rows] = policy.leaders(
+                leaders[rows] = given.leaders(
                     step, states.positions, states.previous_velocities, states.believed
                 )
         positions[rows] = np.where(states.believed[..., None], following, positions[rows])
@@ -211,7 +213,7 @@ class TrajectoryRecorder:
         )
 
 
-_RUN_ARRAYS = ("arrival", "survivors", "steps")
+_RUN_ARRAYS = ("arrival", "survivors", "steps", "case")
 _TRAJECTORY_ARRAYS = ("positions", "alive", "leaders")
 
 
@@ -228,6 +230,7 @@ class Runs:
     states: int  # number of distinct states in which the policy was evaluated
     seconds: float  # time that the computation took
     trajectories: tuple[RunTrajectory, ...]  # of the first runs
+    case: IntArray  # (R,) true case of the hazard; 0 if it is known
 
     @property
     def end(self) -> int:
@@ -327,9 +330,18 @@ class Chain:
         PolicyError, HazardError
             Velocities or rates that are not finite or of the wrong shape.
         """
-        initial = States.initial(self.scenario, self.initial_velocities)
-        batch = _RunBatch(initial, np.zeros((2, runs), np.int64), save_trajectories)
+        initial = States.initial(
+            self.scenario, self.initial_velocities, weighs=policy.weighs_cases
+        )
+        starts = np.zeros((2, runs), np.int64)
+        starts[0] = self.true_cases(first, runs)
+        batch = _RunBatch(initial, starts, save_trajectories)
         return batch.finish(self, policy, first, progress)
+
+    def true_cases(self, first: int, runs: int) -> IntArray:
+        """True case (R,) of the hazard in every run, drawn by the prior; 0 if it is known."""
+        draws = uniforms(self.seed, self.purpose, first, runs, 1, Purpose.CASES)[:, 0]
+        return drawn_cases(self.scenario, draws)
 
     def finish(
         self,
@@ -352,6 +364,12 @@ class Chain:
         """
         batch = _RunBatch(states, np.stack([np.arange(len(states)), steps]))
         return batch.finish(self, policy, progress=progress)
+
+
+def drawn_cases(scenario: Scenario, draws: FloatArray) -> IntArray:
+    """Cases (R,) of the hazard for uniform numbers in [0, 1)."""
+    ends = np.cumsum([case.weight for case in scenario.cases])[:-1]
+    return np.searchsorted(ends, draws, side="right")
 
 
 def _outside(scenario: Scenario, positions: FloatArray, alive: BoolArray) -> FloatArray:
@@ -383,7 +401,7 @@ class _RunBatch:
         self, chain: Chain, policy: Policy, first: int = 0, progress: Progress | None = None
     ) -> Runs:
         """Advance all runs to their ends; `first` is the index of the first one."""
-        scenario, runs = chain.scenario, len(self.rows)
+        scenario, runs, cases = chain.scenario, len(self.rows), self.initial.case
         for step in range(scenario.n_steps):
             self.begin(step)
             if not self.running.any():
@@ -403,6 +421,7 @@ class _RunBatch:
             states=self.solved,
             seconds=time.perf_counter() - self.started,
             trajectories=self.recorder.trajectories(self.steps),
+            case=np.zeros_like(self.rows) if cases is None else cases[self.rows],
         )
 
     def begin(self, step: int) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..compiled.kernels import allocating_kernel, kernel
 from ..typing import BoolArray, FloatArray, IntArray
+from .belief import rounded
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -97,6 +98,10 @@ class States:
     late : (S, n) int, optional
         Number of steps until a loss is known; 0 for the living, and for losses that are known. None
         if all losses are known at once.
+    case : (S,) int, optional
+        The true case of a hazard that is not known.
+    belief : (S, K) int, optional
+        Weights of the cases by which members decide, in units of `casswarm.chain.belief`.
     """
 
     positions: FloatArray
@@ -104,13 +109,26 @@ class States:
     alive: BoolArray
     weights: FloatArray
     late: IntArray | None = None
+    case: IntArray | None = None
+    belief: IntArray | None = None
 
     @classmethod
-    def initial(cls, scenario: Scenario, initial_velocities: FloatArray) -> States:
-        """The initial state, with probability 1."""
-        positions, velocities = np.array([scenario.positions, initial_velocities])[:, None]
-        late = None if scenario.delay == 0 else np.zeros((1, scenario.n), np.int64)
-        return cls(positions, velocities, np.ones((1, scenario.n), bool), np.ones(1), late)
+    def initial(
+        cls, scenario: Scenario, initial_velocities: FloatArray, *, weighs: bool = False
+    ) -> States:
+        """The initial states, one for each case of the hazard, with the probability of the case.
+
+        `weighs` tells whether states include the belief of the members.
+        """
+        prior = np.array([case.weight for case in scenario.cases])
+        shape = len(prior), scenario.n
+        positions, velocities = (
+            np.tile(array, (len(prior), 1, 1)) for array in (scenario.positions, initial_velocities)
+        )
+        late = None if scenario.delay == 0 else np.zeros(shape, np.int64)
+        case = None if len(prior) == 1 else np.arange(len(prior))
+        belief = None if case is None or not weighs else rounded(np.tile(prior, (len(prior), 1)))
+        return cls(positions, velocities, np.ones(shape, bool), prior, late, case, belief)
 
     @property
     def believed(self) -> BoolArray:
@@ -122,17 +140,19 @@ class States:
         """All states of one or more batches."""
         if len(batches) == 1:
             return batches[0]
-        return cls(*map(np.concatenate, zip(*(batch._arrays() for batch in batches), strict=True)))
+        columns = zip(*(batch._fields for batch in batches), strict=True)
+        return cls(*(None if c[0] is None else np.concatenate(c) for c in columns))
 
-    def _arrays(self) -> tuple[NDArray[Any], ...]:
-        arrays = self.positions, self.previous_velocities, self.alive, self.weights
-        return arrays if self.late is None else (*arrays, self.late)
+    @property
+    def _fields(self) -> tuple[Any, ...]:
+        state = self.positions, self.previous_velocities, self.alive
+        return *state, self.weights, self.late, self.case, self.belief
 
     def __len__(self) -> int:
         return len(self.weights)
 
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> States:
-        return States(*(array[rows] for array in self._arrays()))
+        return States(*(None if array is None else array[rows] for array in self._fields))
 
     @property
     def mass(self) -> float:
@@ -141,8 +161,9 @@ class States:
 
     def aggregated(self) -> tuple[States, IntArray]:
         """Distinct states, in the order of their first occurrences, and the index of each (S,)."""
-        arrays = self._arrays()
-        first, inverse = distinct_states(*arrays[:3], *arrays[4:])
+        arrays = self._fields
+        hidden = [array for array in arrays[4:] if array is not None]
+        first, inverse = distinct_states(*arrays[:3], *hidden)
         if len(first) == len(self):
             return self, inverse
         weights = np.bincount(inverse, self.weights, len(first)).astype(np.float64)

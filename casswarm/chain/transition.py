@@ -36,6 +36,7 @@ from ..motion.planar import PlanarSets
 from ..motion.step import Motion
 from ..policies.base import Policy, checked_velocities
 from ..typing import BoolArray, FloatArray, IntArray
+from .belief import Observation
 from .states import States, Step
 
 if TYPE_CHECKING:
@@ -196,6 +197,10 @@ class Transition:
         The counts of `COUNTS`.
     late : (B, n) int, optional
         Number of steps after t + 1 until the loss of a member that does not survive is known.
+    case : (B,) int, optional
+        The true case of a hazard that is not known.
+    observation : Observation, optional
+        What beliefs follow from, where states include them.
     """
 
     velocities: FloatArray
@@ -205,6 +210,8 @@ class Transition:
     arrivals: int
     counts: dict[str, IntArray]
     late: IntArray | None = None
+    case: IntArray | None = None
+    observation: Observation | None = None
 
     def step(self, states: States, absorption: FloatArray | None = None) -> Step:
         """The step of states as kernels take it.
@@ -235,6 +242,8 @@ class Transition:
             survived,
             weights,
             late,
+            None if self.case is None else self.case[parents],
+            None if self.observation is None else self.observation.posterior(parents, survived),
         )
 
 
@@ -255,6 +264,8 @@ def transition(
     positions, previous_velocities, believed = map(
         _read_only, (states.positions, states.previous_velocities, states.believed)
     )
+    if states.belief is not None:
+        policy = policy.given(states.belief)
     decision = policy.decide(step, positions, previous_velocities, believed)
     commanded = checked_velocities(policy.name, step, decision.velocities, believed)
     motion = Motion.from_scenario(scenario)
@@ -270,15 +281,17 @@ def transition(
         velocities, following = lattice.moved(step, positions, velocities, sets)
     saturated = (excess > SATURATION_TOL).sum(axis=1)
     counts = decision.infeasible, decision.failures, decision.fallbacks, saturated
-    rates = _rates(scenario, step, positions, following, states.alive)
+    survival, observation = _survival(scenario, step, positions, following, states)
     return Transition(
         velocities=velocities,
         positions=following,
-        survival=np.exp(-scenario.time.dt * rates),
+        survival=survival,
         inside=scenario.swarm.counted(scenario.target.contains(following)),
         arrivals=scenario.success.arrivals,
         counts=dict(zip(COUNTS, counts, strict=True)),
         late=_lateness(scenario, states),
+        case=states.case,
+        observation=observation,
     )
 
 
@@ -289,6 +302,25 @@ def _lateness(scenario: Scenario, states: States) -> IntArray | None:
     if scenario.delay is None:  # never: what is lost stays believed
         return np.where(states.alive, 1, states.late)
     return np.where(states.alive, scenario.delay, np.maximum(states.late - 1, 0))
+
+
+def _survival(
+    scenario: Scenario, step: int, before: FloatArray, after: FloatArray, states: States
+) -> tuple[FloatArray, Observation | None]:
+    """Probabilities (B, n) of surviving a step in the true cases, and what is observed of them."""
+    if states.case is None:
+        rates = _rates(scenario, step, before, after, states.alive)
+        return np.exp(-scenario.time.dt * rates), None
+    every = np.arange(len(states))
+    survival = np.ones((len(scenario.cases), *states.alive.shape))
+    for k, case in enumerate(scenario.cases):
+        rows = every if states.belief is not None else np.flatnonzero(states.case == k)
+        path = before[rows], after[rows], states.alive[rows]
+        survival[k, rows] = np.exp(-scenario.time.dt * _rates(case.scenario, step, *path))
+    seen = None
+    if states.belief is not None:
+        seen = Observation(states.belief, states.alive, survival)
+    return survival[states.case, every], seen
 
 
 def _rates(

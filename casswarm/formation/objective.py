@@ -71,7 +71,11 @@ def start_count(nlp: Nlp) -> int:
     return 1 if attached is None else attached.number
 
 
-@locked_cache(maxsize=512)  # where rates depend on time, each step has its own
+MANY_HAZARDS = 512
+"""Of caches: where rates depend on time, or on a belief, each step or belief has its own."""
+
+
+@locked_cache(maxsize=MANY_HAZARDS)
 def formation_program(
     hazard: Hazard,
     n: int,
@@ -89,10 +93,16 @@ def formation_program(
         compiled = replace(compiled, constants=constants)
     if compiled is not None:
         nlp = nlp.with_attachments(compiled)
-    smooth = isinstance(hazard, KernelHazard) and not hazard.collides
-    return nlp if smooth else nlp.with_attachments(StartCount(4))
+    starts = starts_for(hazard)
+    return nlp if starts == 1 else nlp.with_attachments(StartCount(starts))
 
 
+def starts_for(hazard: Hazard) -> int:
+    """Number of initial guesses of formation programs: several where members collide."""
+    return 1 if isinstance(hazard, KernelHazard) and not hazard.collides else 4
+
+
+@locked_cache(maxsize=MANY_HAZARDS)
 def formation_objective(hazard: Hazard, n: int) -> CompiledObjective | None:
     """The compiled objective; its constants are the hazard's parameters, then its radars.
 

@@ -1,5 +1,5 @@
 from .agent import initial_velocities, plan_from
-from .ambiguity import Ambiguity
+from ..scenario.ambiguity import Ambiguity
 from .certificate import certify_guide
 from .frame import Frame
 from .guide import Candidate, Guide

@@ -24,6 +24,7 @@ from ..typing import FloatArray, IntArray, Progress
 
 if TYPE_CHECKING:
     from ..hazard import KernelHazard
+    from ..scenario.hazard_table import HazardKeys
     from ..scenario.zones import ZoneTable
     from .guide import Candidate, Guide
 
@@ -109,17 +110,28 @@ class Frame:
         values: dict[str, object] = {
             "swarm.positions": self.members_to(scenario.positions),
             "target.center": self.points_to(scenario.target.center),
-            "hazard.radars": self.points_to(scenario.hazard_table.radars),
         }
-        if tables := scenario.hazard_table.radar:
-            values["hazard.radar"] = [radar.mapped(self.points_to) for radar in tables]
-        if zones := scenario.hazard_table.zone:
-            values["hazard.zone"] = [zone.mapped(self.points_to) for zone in zones]
+        table = scenario.hazard_table
+        values |= {f"hazard.{key}": each for key, each in self._sources_in(table).items()}
+        if table.case:
+            values["hazard.case"] = [
+                case.given | {"weight": case.weight} | self._sources_in(case)
+                for case in table.case
+            ]
         if scenario.swarm.kind is not None:
             values["swarm.kind"] = [scenario.swarm.kind[row] for row in self.order]
         if scenario.swarm.velocity != "guide":
             values["swarm.velocity"] = self.points_to(scenario.swarm.velocity)
         return scenario.with_values(values)
+
+    def _sources_in(self, table: HazardKeys) -> dict[str, object]:
+        """Radars and zones in the frame, by key."""
+        values: dict[str, object] = {"radars": self.points_to(table.radars)} if table.radars else {}
+        if table.radar:
+            values["radar"] = [radar.mapped(self.points_to) for radar in table.radar]
+        if table.zone:
+            values["zone"] = [zone.mapped(self.points_to) for zone in table.zone]
+        return values
 
     def guide_to(self, guide: Guide) -> Guide:
         """Positions and candidates of a guide of the scenario in the frame."""
@@ -164,17 +176,26 @@ def _key(scenario: Scenario, velocity: FloatArray, matrix: FloatArray) -> list[f
     The direction to the target comes first, and V(-1) last: a solver may have computed it.
     """
     offsets = _members(scenario, matrix)
+    # exact sums do not depend on the order
+    direction = [-round(math.fsum(column) / len(offsets), _DIGITS) for column in offsets[:, :2].T]
+    speeds = np.round(velocity @ matrix.T / scenario.swarm.v_max, _DIGITS_SPEED)
+    cases = sorted(
+        [round(case.weight, _DIGITS), *_hazard_key(case.scenario, matrix)]
+        for case in scenario.cases
+    )
+    members = offsets[_sorting(offsets)].ravel().tolist()
+    return [*direction, *members, *itertools.chain(*cases), *speeds.tolist()]
+
+
+def _hazard_key(scenario: Scenario, matrix: FloatArray) -> list[float]:
+    """Numbers that tell images of a hazard apart, whatever the order of radars and zones."""
     table = scenario.hazard_table
     radars = _offsets(scenario, np.array(table.radars, float).reshape(-1, 2)) @ matrix.T
     weighted = np.column_stack([radars, table.strengths or np.ones(len(radars))])
-    # exact sums do not depend on the order
-    direction = [-round(math.fsum(column) / len(offsets), _DIGITS) for column in offsets[:, :2].T]
     if table.radar:
         weighted = _radars_in_time(scenario, matrix)
-    parts = [rows[_sorting(rows)].ravel().tolist() for rows in (offsets, weighted)]
-    speeds = np.round(velocity @ matrix.T / scenario.swarm.v_max, _DIGITS_SPEED)
     zones = sorted(_zone_key(scenario, zone, matrix) for zone in table.zone)
-    return [*direction, *parts[0], *parts[1], *itertools.chain(*zones), *speeds.tolist()]
+    return [*weighted[_sorting(weighted)].ravel().tolist(), *itertools.chain(*zones)]
 
 
 def _zone_key(scenario: Scenario, zone: ZoneTable, matrix: FloatArray) -> list[float]:

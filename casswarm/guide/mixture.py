@@ -34,7 +34,7 @@ from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Interval, Progress
 from .agent import plan_from
-from .ambiguity import Ambiguity, AmbiguityLike
+from ..scenario.ambiguity import Ambiguity, AmbiguityLike
 from .certificate import TIME_LIMIT, certify_guide
 from .guide import Candidate, Guide
 from .multistart import GridPath, Multistart

@@ -21,7 +21,7 @@ from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import Search
 from .agent import plan_from
-from .ambiguity import Ambiguity, AmbiguityLike
+from ..scenario.ambiguity import Ambiguity, AmbiguityLike
 from .certificate import certify_guide
 from .guide import Guide
 from .mixture import MixedGuide, plan_mixture

@@ -180,6 +180,10 @@ class Hazard(ABC):
             value=(exposures, densities),
         )
 
+    def sharing(self, other: Hazard) -> Self:  # noqa: ARG002
+        """The hazard with the compiled code of another, where their rates allow that."""
+        return self
+
     def of_members(self, rows: IntArray) -> Self:  # noqa: ARG002
         """The hazard of some of the members: itself, unless they differ."""
         return self

@@ -115,6 +115,11 @@ class HazardInTime(Hazard):
         return replace(self, hazard=self.hazard.with_members(exposures, densities))
 
     @override
+    def sharing(self, other: Hazard) -> Self:
+        base = other.hazard if isinstance(other, HazardInTime) else other
+        return replace(self, hazard=self.hazard.sharing(base))
+
+    @override
     def of_members(self, rows: IntArray) -> Self:
         return replace(self, hazard=self.hazard.of_members(rows))
 

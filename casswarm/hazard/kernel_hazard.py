@@ -158,6 +158,20 @@ class KernelHazard(Hazard):
         """True if members endanger each other, which makes formation problems multimodal."""
         return _collides(self.template)
 
+    @override
+    def sharing(self, other: Hazard) -> Self:
+        """The hazard with the compiled code of another, if they differ in radars only."""
+        if not isinstance(other, KernelHazard):
+            return self
+        same = copy(self)
+        for name in ("radars", "strengths"):
+            object.__setattr__(same, name, getattr(other.template, name))
+        if same != other.template:
+            return self
+        shared = copy(self)
+        object.__setattr__(shared, "_template", other.template)
+        return shared
+
     @property
     def gathers(self) -> bool:
         """True if a member's rate increases with every distance to another."""

@@ -415,7 +415,7 @@ class Guesses:
     @cached_property
     def paths(self) -> dict[str, list[FloatArray]]:
         """Paths (T+1, 2) of a single agent by homotopy class; see `class_paths`."""
-        scenario = self.scenario
+        scenario = self.scenario.believed
         values = {
             "guide.arrival": "any",
             "guide.acceleration_limited": True,
@@ -438,7 +438,7 @@ class Guesses:
         formations = "formations" in kinds or not (own or "waves" in kinds)
         if not own and not formations:
             return []
-        found = families(self.scenario, self.task, self.paths, formations, own)
+        found = families(self.scenario.believed, self.task, self.paths, formations, own)
         return screened(self.scenario, self.task, self.objective, list(found), count)
 
     def waves(self, count: int, rng: np.random.Generator) -> list[InitialGuess]:

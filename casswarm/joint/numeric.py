@@ -181,36 +181,56 @@ class StageFactors(Factors):
         return contiguous(solution.reshape(len(solution), -1).T)
 
 
+@dataclass(frozen=True, eq=False)
+class Rates:
+    """Rates along plans: a hazard, and the radars (T, r, 3, 1) of every step if they differ."""
+
+    hazard: KernelHazard
+    by_step: FloatArray | None
+
+    @classmethod
+    def of(cls, hazard: Hazard, form: JointForm) -> Rates | None:
+        """Rates of a plan's steps; None for those that are not made of kernels."""
+        steps = [hazard.after(form.first + t + 1) for t in range(form.horizon)]
+        if not isinstance(steps[0], KernelHazard):
+            return None
+        return cls(steps[0], radar_table(*steps) if hazard.changes else None)  # type: ignore[arg-type]
+
+    def radars(self, batch: int) -> FloatArray | None:
+        """Radars of the blocks (k, r, 3, LANES) of b plans, None if they are the hazard's own."""
+        if self.by_step is None:
+            return None
+        shape = batch, *self.by_step.shape[:-1]
+        return in_blocks(np.broadcast_to(self.by_step[..., 0], shape))
+
+
 @locked_cache(maxsize=64)
-def joint_program(hazard: Hazard, form: JointForm, hessian: bool = True) -> Nlp:
+def joint_program(
+    hazard: Hazard | tuple[Hazard, ...], form: JointForm, hessian: bool = True
+) -> Nlp:
     """The program of `joint_nlp`, with these derivatives if the rates are made of kernels."""
     nlp = joint_nlp(hazard, form, hessian)
-    hazards = [hazard.after(form.first + t + 1) for t in range(form.horizon)]
-    if not (form.exact and isinstance(hazards[0], KernelHazard)):
+    hazards = hazard if isinstance(hazard, tuple) else (hazard,)
+    rates = tuple(Rates.of(each, form) for each in hazards)
+    if not (form.exact and all(rates)):
         return nlp
-    radars = radar_table(*hazards) if hazard.changes else None  # type: ignore[arg-type]
-    plain = replace(nlp, attachments=())
-    numeric = partial(JointNumeric, plain, hazards[0], radars, form.n)
+    numeric = partial(JointNumeric, replace(nlp, attachments=()), rates, form.n)
     return nlp.with_attachments(NumericDerivatives(numeric))
 
 
 @dataclass(frozen=True, eq=False)
 class JointNumeric(Problems):
-    """Instances of a joint plan of n members, with parameters (B, np).
-
-    `radars` (T, r, 3, 1) are those of every step, None if they are the hazard's own.
-    """
+    """Instances of a joint plan of n members in K cases, with parameters (B, np)."""
 
     nlp: Nlp
-    hazard: KernelHazard
-    radars: FloatArray | None
+    cases: tuple[Rates, ...]
     n: int
     p: FloatArray
 
     @override
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         points = self._points(rows, x)
-        failure = points.swept(set_rates(self.hazard, points.blocks, None, points.radars))[1][:, -1]
+        failure = points.mean([points.failure(case) for case in self.cases])
         with np.errstate(invalid="ignore"):
             odds = np.log(failure + TINY) - np.log(1.0 - failure + CERTAIN)
         return odds, contiguous(points.constraints.values.T)
@@ -223,7 +243,7 @@ class JointNumeric(Problems):
         p = {name: blocks[rows] for name, blocks in self._parameters.items()}
         velocities = contiguous(x.T).reshape(len(rows), -1, self.n, 2)
         constraints = Constraints.at(tuple(self.nlp.constraints), velocities, p)
-        return JointPoints(self.hazard, self.radars, constraints, p)
+        return JointPoints(self.cases, constraints, p)
 
     @cached_property
     def _parameters(self) -> dict[str, FloatArray]:
@@ -234,8 +254,7 @@ class JointNumeric(Problems):
 class JointPoints:
     """Points of b instances, with their parameters."""
 
-    hazard: KernelHazard
-    by_step: FloatArray | None  # (T, r, 3, 1), the radars of every step if they differ
+    cases: tuple[Rates, ...]
     constraints: Constraints
     p: dict[str, FloatArray]
 
@@ -246,12 +265,17 @@ class JointPoints:
         return in_blocks(p["origin"] + p["length"] * (self.constraints.to_center + p["center"]))
 
     @cached_property
-    def radars(self) -> FloatArray | None:
-        """Radars of the blocks (k, r, 3, LANES), None if they are the hazard's own."""
-        if self.by_step is None:
-            return None
-        shape = len(self.constraints.changes), *self.by_step.shape[:-1]
-        return in_blocks(np.broadcast_to(self.by_step[..., 0], shape))
+    def prior(self) -> FloatArray:
+        """Prior (b, K) of the cases."""
+        if len(self.cases) == 1:
+            return np.ones((len(self.constraints.changes), 1))
+        return self.p["prior"][:, 0]
+
+    def mean(self, values: Sequence[FloatArray]) -> FloatArray:
+        """Mean over the cases of values (b, ...) of each."""
+        if len(values) == 1:
+            return values[0]
+        return np.asarray(np.einsum("bk,kb...->b...", self.prior, np.array(values)))
 
     @cached_property
     def _clock(self) -> FloatArray:
@@ -267,10 +291,30 @@ class JointPoints:
         ends = self.p["continues"], self.p["costs"], self.p["last_cost"][:, 0]
         return lost, *recursion(by_step.reshape(batch, steps, *by_step.shape[1:]), *ends)
 
+    def failure(self, case: Rates) -> FloatArray:
+        """F (b,) in a case."""
+        radars = case.radars(len(self.constraints.changes))
+        return self.swept(set_rates(case.hazard, self.blocks, None, radars))[1][:, -1]
+
     def differentiated(self) -> tuple[FloatArray, Derivatives]:
-        """F (b,), with its derivatives in all steps, in lengths of a step at v_max."""
-        local = LocalRates.of(self.hazard, self.blocks, self.radars)
+        """F (b,), with its derivatives in all steps, in lengths of a step at v_max.
+
+        Those in the law are of the laws of all cases, one after the other.
+        """
+        failures, parts = zip(*(self._of_case(k) for k in range(len(self.cases))), strict=True)
+        if len(parts) == 1:
+            return failures[0], parts[0]
+        gradients, hessians, *of_law = zip(*parts, strict=True)
+        joined = (np.concatenate(arrays, axis=2) for arrays in of_law)
+        sums = (np.sum(arrays, axis=0) for arrays in (gradients, hessians))
+        return self.mean(failures), Derivatives(*sums, *joined)
+
+    def _of_case(self, k: int) -> tuple[FloatArray, Derivatives]:
+        """F (b,) in a case, and its derivatives, of which those in positions have its weight."""
+        case = self.cases[k]
+        local = LocalRates.of(case.hazard, self.blocks, case.radars(len(self.prior)))
         lost, failure, masses, after = self.swept(local.rates[:, :, 0])
+        masses = masses * self.prior[:, k, None, None]
         (batch, steps, sets), n = masses.shape, lost.shape[2]
         width = 2 * n
         shapes = (width,), (width, width), (sets, width), (sets, width), (3**n,)
@@ -279,7 +323,7 @@ class JointPoints:
         continues[..., 0], costs[..., 0] = 0.0, self.p["last_cost"][..., 0]
         of_sets = [in_blocks(part) for part in (masses, after, continues, costs)]
         arrays = lost, *of_sets, self.blocks, local.radars, local.pairs, local.rates
-        arguments = Steps._make([self._clock, *arrays]), self.hazard.collides, flat
+        arguments = Steps._make([self._clock, *arrays]), case.hazard.collides, flat
         execute(differentiate, len(lost), arguments, _DIFFERENTIATED // sets)
         out = Derivatives(*(part.reshape(batch, steps, *part.shape[1:]) for part in flat))
         unit = self.p["length"]
@@ -329,6 +373,7 @@ class JointLinearisation(Linearisation):
         positions, changes = self._constraints.curvature(multipliers, weights[:, size:])
         slope, terminal = terms.objective * self._slope, self._last_cost.copy()
         terminal[:, 0] = 1.0
+        terminal = np.tile(terminal, (1, steps.by_set.shape[2] // terminal.shape[1]))
         positions += slope[:, None, None, None] * steps.hessian
         limits = contiguous(weights[:, :size]).reshape(steps.gradient.shape)
         of_law = steps.transitions, steps.by_outcome, steps.by_set

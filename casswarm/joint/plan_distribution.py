@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from typing_extensions import override
 
 from ..grid.nodes import UNIT
 from ..hazard import subdivided
@@ -39,8 +41,101 @@ CORE = 10
 _TOGETHER = 64  # sets whose outcomes are listed before equal ones are joined
 
 
+class OutcomeLaw(ABC):
+    """Outcome distribution of n members that follow given trajectories, up to `rounding`."""
+
+    n: int
+    rounding: float
+
+    @abstractmethod
+    def cost(self, objective: str) -> float:
+        """Expected cost of `casswarm.problems.joint`, with the actual arrivals of all members."""
+
+    @property
+    @abstractmethod
+    def arrival(self) -> FloatArray:
+        """Probability (N+1,) that the first arrival of a living member is at step t."""
+
+    @property
+    @abstractmethod
+    def survival(self) -> FloatArray:
+        """Probability (N+1, n) that a member is alive at step t, or was when its run ended."""
+
+    @cached_property
+    def success(self) -> Interval:
+        """The probability that enough members arrive alive, exact up to rounding."""
+        probability = 1.0 - self.cost("success")
+        low, high = max(0.0, probability - self.rounding), min(1.0, probability + self.rounding)
+        return Interval(low, high)
+
+    @property
+    def failure(self) -> float:
+        """Probability that too few members arrive, to relative precision however small it is."""
+        return self.cost("success")
+
+    @property
+    def arrivals_mean(self) -> float:
+        """Mean number of living members in the target when the run ends."""
+        return self.n * (1.0 - self.cost("arrivals"))
+
+    @property
+    def survivors_mean(self) -> float:
+        """Mean number of members alive when the run ends."""
+        return self.n * (1.0 - self.cost("survivors"))
+
+
 @dataclass(frozen=True, eq=False)
-class PlanDistribution:
+class CasesDistribution(OutcomeLaw):
+    """Outcome distribution for a prior over the cases of a hazard that is not known.
+
+    Parameters
+    ----------
+    prior : (K,)
+    cases : tuple of K PlanDistribution
+        If each of the cases is the true one.
+    """
+
+    prior: FloatArray
+    cases: tuple[PlanDistribution, ...]
+
+    @property
+    def n(self) -> int:  # type: ignore[override]
+        """Number of members."""
+        return self.cases[0].n
+
+    @property
+    def rounding(self) -> float:  # type: ignore[override]
+        """Bound on the rounding error of a probability."""
+        return max(case.rounding for case in self.cases) + len(self.cases) * UNIT
+
+    @override
+    def cost(self, objective: str) -> float:
+        return float(self.prior @ [case.cost(objective) for case in self.cases])
+
+    @property
+    @override
+    def arrival(self) -> FloatArray:
+        return np.asarray(np.tensordot(self.prior, [case.arrival for case in self.cases], 1))
+
+    @property
+    @override
+    def survival(self) -> FloatArray:
+        return np.asarray(np.tensordot(self.prior, [case.survival for case in self.cases], 1))
+
+
+def plan_law(
+    scenario: Scenario, positions: FloatArray, step: int = 0
+) -> PlanDistribution | CasesDistribution:
+    """Law of trajectories (N+1, n, 2) from a step on, at which all are alive."""
+    cases = [case.scenario for case in scenario.cases]
+    laws = [PlanDistribution.from_positions(each, positions, step) for each in cases]
+    if len(laws) == 1:
+        return laws[0]
+    return CasesDistribution(np.array([case.weight for case in scenario.cases]), tuple(laws))
+
+
+@dataclass(frozen=True, eq=False)
+class PlanDistribution(OutcomeLaw):
     """Outcome distribution of a swarm whose living members follow given trajectories.
 
     Parameters
@@ -80,30 +175,8 @@ class PlanDistribution:
             len(lost) * n * operations * UNIT,
         )
 
-    @cached_property
-    def success(self) -> Interval:
-        """The probability that enough members arrive alive, exact up to rounding."""
-        probability = 1.0 - self.cost("success")
-        low, high = max(0.0, probability - self.rounding), min(1.0, probability + self.rounding)
-        return Interval(low, high)
-
-    @property
-    def failure(self) -> float:
-        """Probability that too few members arrive, to relative precision however small it is."""
-        return self.cost("success")
-
-    @property
-    def arrivals_mean(self) -> float:
-        """Mean number of living members in the target when the run ends."""
-        return self.n * (1.0 - self.cost("arrivals"))
-
-    @property
-    def survivors_mean(self) -> float:
-        """Mean number of members alive when the run ends."""
-        return self.n * (1.0 - self.cost("survivors"))
-
+    @override
     def cost(self, objective: str) -> float:
-        """Expected cost of `casswarm.problems.joint`, with the actual arrivals of all members."""
         return float(self._costs(objective)[0, -1])
 
     @property
@@ -127,13 +200,13 @@ class PlanDistribution:
         return self._forward[0]
 
     @property
+    @override
     def arrival(self) -> FloatArray:
-        """Probability (N+1,) that the first arrival of a living member is at step t."""
         return self._forward[1]
 
     @property
+    @override
     def survival(self) -> FloatArray:
-        """Probability (N+1, n) that a member is alive at step t, or was when its run ended."""
         return self._forward[2]
 
     @cached_property
@@ -172,8 +245,12 @@ def prescribed_costs(
 ) -> FloatArray:
     """Costs (B,) of plans (B, N+1, n, 2), as `casswarm.problems.joint` computes them.
 
-    `arrivals` (B, n) are the prescribed steps, 0 for members that do not arrive.
+    `arrivals` (B, n) are the prescribed steps, 0 for members that do not arrive. Of several cases
+    of the hazard, the means by their weights.
     """
+    if len(cases := scenario.cases) > 1:
+        each = [prescribed_costs(c.scenario, objective, positions, arrivals) for c in cases]
+        return np.asarray([case.weight for case in cases] @ np.array(each))
     lost, n = loss_probabilities(scenario, positions), positions.shape[2]
     steps = lost.shape[1]
     arriving = np.arange(1, steps + 1)[:, None] == arrivals[:, None]  # (B, N, n)

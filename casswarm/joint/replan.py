@@ -3,7 +3,8 @@
 In a situation (P, t, d), exactly the members d are left at step t on the trajectories of a plan P
 for more members. Each that is probable enough is solved once, from the rest of P's trajectories,
 and the new plan for d is adopted if its exact value is higher. ``docs/joint.md`` says why the plan
-cannot become worse, nor depend on the order of runs.
+cannot become worse, nor depend on the order of runs. If the hazard is not known, its cases have the
+weights of the posterior, given that this situation has occurred.
 
 **News that is late.** At step t it is known that exactly d lived at step t - delay. Since then they
 have followed P, so what has happened to them has a known law: a plan's distribution, and its value,
@@ -23,7 +24,7 @@ from ..problems.joint import JointForm, JointTask
 from ..solvers import Solver
 from ..typing import FloatArray
 from .initial_guesses import InitialGuess
-from .plan_distribution import MAX_EXACT, PlanDistribution
+from .plan_distribution import MAX_EXACT, CasesDistribution, PlanDistribution, plan_law
 from .solve import JointProblem, first_arrivals, stage_solver
 from .swarm_plan import SwarmPlan
 
@@ -56,7 +57,7 @@ class Branch:
     velocities: FloatArray  # (T, m, 2)
     initial_velocities: FloatArray  # (m, 2), before `step`
     probability: float  # of the situation that it was made for, by the previous distributions
-    distribution: PlanDistribution
+    law: PlanDistribution | CasesDistribution
 
     def state(self, step: int, members: Members) -> tuple[FloatArray, FloatArray]:
         """X(step), V(step-1) of some of its members, (m, 2) each."""
@@ -68,15 +69,20 @@ class Branch:
         """Velocities (T', m, 2) of some of its members from a step on; none after its end."""
         return self.velocities[step - self.step :][:, self._rows(members)]
 
-    def entering(self, step: int, members: Members) -> float:
-        """Probability that all its members are alive before a step and exactly these after it."""
-        at = step - self.step - 1
-        if not 0 <= at < len(self.distribution.lost):
-            return 0.0
-        lost = self.distribution.lost[at][-1]
-        survives = np.isin(self.members, members)
-        outcome = np.where(survives, 1 - lost, lost).prod()
-        return float(self.probability * self.distribution.masses[at, -1] * outcome)
+    def entering(self, step: int, members: Members) -> FloatArray:
+        """Probability that all its members are alive before a step and exactly these after it.
+
+        (K,), of this and each of the K cases of the hazard.
+        """
+        at, survives = step - self.step - 1, np.isin(self.members, members)
+        cases, prior = (self.law,), np.ones(1)
+        if isinstance(self.law, CasesDistribution):
+            cases, prior = self.law.cases, self.law.prior
+        if not 0 <= at < len(cases[0].lost):
+            return np.zeros(len(cases))
+        lost = np.array([case.lost[at, -1] for case in cases])
+        outcome = np.where(survives, 1 - lost, lost).prod(axis=1)
+        return self.probability * prior * [case.masses[at, -1] for case in cases] * outcome
 
     def _rows(self, members: Members) -> list[int]:
         return [self.members.index(member) for member in members]
@@ -160,7 +166,7 @@ class PlanTree:
             return None
         planned = failed = False
         fewer = len(members) < len(branch.members)
-        if fewer and branch.entering(step - self.delay, members) >= self.min_probability:
+        if fewer and branch.entering(step - self.delay, members).sum() >= self.min_probability:
             path = (*branch.path, (step, members))
             if path not in self.branches:
                 self.branches[path] = self._plan(branch, path)
@@ -201,7 +207,8 @@ class PlanTree:
         counting = int(self.scenario.swarm.counting[list(members)].sum())
         if len(remaining) <= self.delay or counting < self.scenario.success.arrivals:
             return branch
-        scenario = self.scenario
+        probabilities = branch.entering(step, members)
+        scenario = self.scenario.with_prior(probabilities)
         if scenario.swarm.kind is not None:
             scenario = scenario.of_members(members)
         start, initial_velocities = branch.state(step, members)
@@ -211,11 +218,11 @@ class PlanTree:
         task = JointTask.from_scenario(scenario, initial_velocities, self.min_distance)
         task = replace(task, start=start, steps=steps - step, known=self.delay)
         form = JointForm(len(members), horizon, True, self.objective, self.min_distance > 0)
-        if scenario.hazard.changes:
+        if any(case.scenario.hazard.changes for case in scenario.cases):
             form = replace(form, first=step)
         problem = JointProblem(scenario, task, form)
         arrivals = first_arrivals(scenario, problem.positions(remaining))
-        solver = self.solver or stage_solver("auto", scenario.hazard, form, ITERATIONS)
+        solver = self.solver or stage_solver("auto", problem.hazards, form, ITERATIONS)
         (outcome,) = problem.solve([InitialGuess("survivors", arrivals, remaining)], solver)
         if not outcome.solution.status.success:
             self._failed.add(path)
@@ -229,8 +236,8 @@ class PlanTree:
             positions,
             outcome.velocities,
             initial_velocities,
-            branch.entering(step, members),
-            PlanDistribution.from_positions(scenario, positions, step),
+            float(probabilities.sum()),
+            plan_law(scenario, positions, step),
         )
         self._add(replanned)
         return replanned

@@ -5,7 +5,8 @@ living members, X and V those of positions and velocities (w = 2n entries each),
 
     p(k) = S_k p(k-1) + B_k X(k),  X(k) = X(k-1) + u,
 
-where entry 0 of p, of the empty set, collects the cost of runs that have ended. The cost of the
+where entry 0 of p, of the empty set, collects the cost of runs that have ended. If the hazard is
+not known, p holds the laws in all cases, m sets each, weighted by their prior. The cost of the
 steps from k on is a quadratic form P of the state (p, X, V)(k-1), with D = m + 2w entries, once
 their velocities are eliminated: each step is a Cholesky factorisation of w rows. These are the
 pivots of a factorisation of the whole matrix in the velocities, from the last step to the first, so
@@ -48,16 +49,18 @@ class Factor(NamedTuple):
 
 @kernel
 def add_over_subsets(
-    transition: FloatArray, columns: int, values: FloatArray, out: FloatArray
+    transition: FloatArray, sets: int, columns: int, values: FloatArray, out: FloatArray
 ) -> None:
-    """Write S' values to the first columns of `out`; rows of both are sets."""
+    """Write S' values to the first columns of `out`; rows of both are the m sets of each case."""
     place = 0
-    for d in range(len(values)):
-        target = out[d, :columns]
+    for row_of_set in range(len(values)):
+        d = row_of_set & (sets - 1)
+        first = row_of_set - d
+        target = out[row_of_set, :columns]
         target[:] = 0.0
         subset, more = 0, True
         while more:
-            factor, row = transition[place], values[subset]
+            factor, row = transition[place], values[first + subset]
             for c in range(columns):
                 target[c] += factor * row[c]
             place += 1
@@ -84,11 +87,11 @@ def pull_law(b: int, k: int, stages: Stages, cost: FloatArray, rows: FloatArray)
     for d in range(sets):
         for r in range(width):
             cost[d, sets + r] = cost[sets + r, d]
-    add_over_subsets(transition, size, cost[:sets], rows)
+    add_over_subsets(transition, 1 << width // 2, size, cost[:sets], rows)
     for d in range(sets):
         for c in range(sets):
             cost[c, d] = rows[d, c]
-    add_over_subsets(transition, sets, cost[:sets], rows)
+    add_over_subsets(transition, 1 << width // 2, sets, cost[:sets], rows)
     for r in range(width):
         target = cost[sets + r]
         for d in range(sets):
@@ -240,7 +243,7 @@ def backward(
     for d in range(sets):
         for r in range(width):
             state[sets + r, 0] += by_outcome[d, r] * state[d, 0]
-    add_over_subsets(stages.transitions[b, k], 1, state[:sets], law)
+    add_over_subsets(stages.transitions[b, k], 1 << width // 2, 1, state[:sets], law)
     for d in range(sets):
         state[d, 0] = law[d, 0]
     for r in range(width):
@@ -278,10 +281,12 @@ def forward(
         state[sets + r] += right[r]
         state[sets + width + r] = right[r]
     law[:] = 0.0
-    for d in range(sets):
+    for row_of_set in range(sets):
+        d = row_of_set & ((1 << width // 2) - 1)
+        first = row_of_set - d
         subset, more = 0, True
         while more:
-            law[subset] += transition[place] * state[d]
+            law[first + subset] += transition[place] * state[row_of_set]
             place += 1
             more = subset != d
             subset = (subset - d) & d

@@ -25,13 +25,14 @@ from ..guide.plan import plan
 from ..motion.kinematics import integrate, interpolated
 from ..motion.step import Motion
 from ..problems.joint import OBJECTIVES, JointForm, JointTask
+from ..scenario.cases import require_known
 from ..scenario.members import with_accelerations
 from ..scenario.scenario_files import require_scenario
 from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Objective, Progress
 from .initial_guesses import INITIAL_GUESSES, Guesses, InitialGuess, delayed, padded, track
-from .plan_distribution import MAX_EXACT, MAX_MEMBERS, PlanDistribution, likely_sets
+from .plan_distribution import MAX_EXACT, MAX_MEMBERS, likely_sets, plan_law
 from .solve import STAGED, JointProblem, first_arrivals, stage_solver
 from .swarm_plan import SwarmOutcome, SwarmPlan, least_distance
 
@@ -170,7 +171,7 @@ class JointSearch:
         self.solvers = [
             solver
             if isinstance(solver, Solver)
-            else stage_solver(solver, scenario.hazard, problem.form, iterations)
+            else stage_solver(solver, problem.hazards, problem.form, iterations)
             for problem, iterations in zip(problems, (first, *ITERATIONS[1:]), strict=True)
         ]
         self.deadline, self.progress = deadline, progress
@@ -400,7 +401,7 @@ def plan_swarm(
     _require_distance(scenario, min_distance)
     if time_limit is not None and not time_limit > 0:
         raise ValueError(f"time_limit = {shown(time_limit)}; allowed: seconds above 0")
-    guide = plan(scenario, certify=False) if guide is None else guide
+    guide = plan(scenario.believed, certify=False) if guide is None else guide
     # before the search, whose result it could cost
     bound = success_bound(scenario) if certify else None
     velocities = initial_velocities(scenario, guide)
@@ -426,7 +427,7 @@ def plan_swarm(
         motion=Motion.from_scenario(scenario),
         arrivals=first_arrivals(scenario, positions),
         value=best.value,
-        distribution=PlanDistribution.from_positions(scenario, positions) if exact else None,
+        distribution=plan_law(scenario, positions) if exact else None,
         solution=best.solution,
         outcomes=tuple(outcome.in_scenario(frame) for outcome in search.outcomes),
         bound=bound,
@@ -463,6 +464,7 @@ def _require_few(scenario: Scenario) -> None:
     if scenario.n > MAX_EXACT:
         for key in ("success.arrivals", "swarm.kind"):
             require_default(scenario, key, f"a joint plan of more than {MAX_EXACT} members")
+        require_known(scenario)
     if scenario.n > MANY:
         LOG.warning(
             "a joint plan of %d members takes minutes (50 take about 2, 100 about 8); time_limit "
@@ -514,7 +516,7 @@ def alternative_plan(scenario: Scenario, plan: SwarmPlan, positions: FloatArray)
     arrivals = first_arrivals(scenario, positions)
     arrivals = delayed(task, np.where(arrivals > 0, arrivals, task.steps)[None])[0]
     guess = InitialGuess("alternative", arrivals, track(task, goals))
-    solver = stage_solver("auto", scenario.hazard, problem.form, _ITERATIONS)
+    solver = stage_solver("auto", problem.hazards, problem.form, _ITERATIONS)
     (outcome,) = problem.solve([guess], solver)
     outcomes = *plan.outcomes, outcome
     if outcome.value <= plan.value:
@@ -526,7 +528,7 @@ def alternative_plan(scenario: Scenario, plan: SwarmPlan, positions: FloatArray)
         velocities=outcome.velocities,
         arrivals=first_arrivals(scenario, trajectories),
         value=outcome.value,
-        distribution=PlanDistribution.from_positions(scenario, trajectories),
+        distribution=plan_law(scenario, trajectories),
         solution=outcome.solution,
         outcomes=outcomes,
     )

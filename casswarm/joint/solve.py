@@ -19,7 +19,7 @@ from ..solvers.interior_point.derivatives import NumericDerivatives
 from ..typing import FloatArray, IntArray
 from .initial_guesses import InitialGuess, track
 from .numeric import joint_program
-from .plan_distribution import MAX_EXACT, PlanDistribution
+from .plan_distribution import MAX_EXACT, plan_law
 from .swarm_plan import DISTANCE_TOL, SwarmOutcome, least_distance
 
 if TYPE_CHECKING:
@@ -34,7 +34,9 @@ MAX_NEWTON = 8
 _TIME_LIMIT = 3600.0  # never reached: solves end by iterations, whatever the machine's speed
 
 
-def stage_solver(name: str, hazard: Hazard, form: JointForm, iterations: int) -> Solver:
+def stage_solver(
+    name: str, hazard: Hazard | tuple[Hazard, ...], form: JointForm, iterations: int
+) -> Solver:
     """The solver of a stage of a search: near its start, and to a number of iterations.
 
     With exact second derivatives of small swarms: for ``"auto"`` casswarm's own interior-point
@@ -44,7 +46,9 @@ def stage_solver(name: str, hazard: Hazard, form: JointForm, iterations: int) ->
     """
     near: dict[str, Any] = {"constraint_tolerance": 1e-8, "max_iter": iterations}
     exact: dict[str, Any] = {"tolerance": 1e-7, "bound_push": 1e-4, "mu_init": 1e-3}
-    if form.exact and name == "auto" and isinstance(hazard.after(0), KernelHazard):
+    hazards = hazard if isinstance(hazard, tuple) else (hazard,)
+    kernels = all(isinstance(each.after(0), KernelHazard) for each in hazards)
+    if form.exact and name == "auto" and kernels:
         if form.n <= MAX_NEWTON:
             return FilterInteriorPoint(
                 constr_mult_init_max=0.0, restoration=False, scaling=False, **near, **exact
@@ -81,7 +85,13 @@ class JointProblem:
     @property
     def nlp(self) -> Nlp:
         """The program, which is built once for all problems of its form."""
-        return joint_program(self.scenario.hazard, self.form, False)
+        return joint_program(self.hazards, self.form, False)
+
+    @property
+    def hazards(self) -> Hazard | tuple[Hazard, ...]:
+        """The hazard, or those of all cases."""
+        hazards = tuple(case.scenario.hazard for case in self.scenario.cases)
+        return hazards if len(hazards) > 1 else hazards[0]
 
     def solve(self, guesses: Sequence[InitialGuess], solver: Solver) -> list[SwarmOutcome]:
         """The solver's answers from initial guesses, within all limits, and their values."""
@@ -91,7 +101,7 @@ class JointProblem:
         )
         numeric = self.nlp.attached(NumericDerivatives)
         compiled = isinstance(solver, FilterInteriorPoint) and numeric is not None
-        nlp = self.nlp if compiled else joint_program(self.scenario.hazard, self.form)
+        nlp = self.nlp if compiled else joint_program(self.hazards, self.form)
         solutions = solver.solve(nlp, instances)
         return [
             self._outcome(guess, prescribed, solution)
@@ -167,10 +177,8 @@ class JointProblem:
         scale = 1.0 if self.form.objective == "success" else self.form.n
         if self.form.n <= MAX_EXACT:
             positions = self.positions(velocities)
-            distribution = PlanDistribution.from_positions(
-                self.scenario, positions, self.form.first
-            )
-            return scale * (1.0 - distribution.cost(self.form.objective))
+            law = plan_law(self.scenario, positions, self.form.first)
+            return scale * (1.0 - law.cost(self.form.objective))
         instance = joint_instances(self.nlp, self.form, self.task, [arrivals], [velocities])
         odds = float(self.nlp.evaluate(instance.x0[0], instance.p[0])[0])
         return scale * float(1.0 / (1.0 + np.exp(odds)))

@@ -14,7 +14,7 @@ from ..guide.frame import Frame
 from ..motion.step import Motion
 from ..nlp.solution import Solution
 from ..typing import FloatArray, IntArray, Interval
-from .plan_distribution import LikelySets, PlanDistribution
+from .plan_distribution import CasesDistribution, LikelySets, PlanDistribution
 
 DISTANCE_TOL = 1e-4
 """Relative tolerance of the minimum distance, above a solver's."""
@@ -94,9 +94,9 @@ class SwarmPlan(Displayed):
         First step at which each member is in the target, 0 for one that never is.
     value : float
         Value of the objective: exact, or the mean field's.
-    distribution : PlanDistribution or None
-        The exact distribution; None for swarms of more than `casswarm.joint.MAX_EXACT`
-        members.
+    distribution : PlanDistribution, CasesDistribution or None
+        The exact distribution, of a hazard that is not known for its prior and in every case; None
+        for swarms of more than `casswarm.joint.MAX_EXACT` members.
     solution : Solution
         The solve that this plan results from.
     outcomes : tuple of SwarmOutcome
@@ -119,7 +119,7 @@ class SwarmPlan(Displayed):
     motion: Motion
     arrivals: IntArray
     value: float
-    distribution: PlanDistribution | None
+    distribution: PlanDistribution | CasesDistribution | None
     solution: Solution
     outcomes: tuple[SwarmOutcome, ...] = ()
     bound: SuccessBound | None = None
@@ -172,6 +172,9 @@ class SwarmPlan(Displayed):
         else:
             failure = self.distribution.failure
             value = f"success {1.0 - failure:.6f} (failure {failure:.3g})"
+            if isinstance(self.distribution, CasesDistribution):
+                by_case = (f"{1.0 - case.failure:.4f}" for case in self.distribution.cases)
+                value += f", by case {', '.join(by_case)}"
             if self.objective != "success":
                 value += f", mean number of {self.objective} {self.value:.4f}"
         bound = "" if self.bound is None else f"; {self.bound}"

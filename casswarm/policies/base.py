@@ -176,6 +176,9 @@ class Policy(ABC):
 
     `casswarm.evaluate` does not distinguish positions that differ by less."""
 
+    weighs_cases: ClassVar[bool] = False
+    """Whether the policy depends on what survival tells about a hazard that is not known."""
+
     @abstractmethod
     def decide_batch(
         self, step: int, positions: FloatArray, previous_velocities: FloatArray, alive: BoolArray
@@ -222,6 +225,10 @@ class Policy(ABC):
         with policy_call(name, step):
             decision = self.decide_batch(step, *state)
         return checked_decision(name, step, decision, state[2])
+
+    def given(self, beliefs: IntArray) -> Policy:  # noqa: ARG002
+        """The policy in B states in which the cases of the hazard have weights (B, K)."""
+        return self
 
     def velocities(
         self, step: int, positions: ArrayLike, previous_velocities: ArrayLike, alive: ArrayLike

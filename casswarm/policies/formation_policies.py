@@ -28,7 +28,7 @@ from typing_extensions import override
 from ..compiled.parallel import execute
 from ..formation.auto import Auto
 from ..formation.horizon import corridor_mpc_formation, leader_mpc_formation
-from ..formation.objective import CompiledObjective, start_count
+from ..formation.objective import formation_objective, start_count, starts_for
 from ..formation.projected_gradient import SpectralProjectedGradient
 from ..formation.task import FOLLOWER_WEIGHT, LEADER_SELECTION, Formation, FormationTask, or_none
 from ..grid import ValueFunction
@@ -191,13 +191,12 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     The default solver's batch method does so in one pass over the states. Those that it does not
     solve to tolerance, and all states for other solvers, are solved as `applied_decision` does.
     """
-    nlp = task.nlp
-    compiled, starts = nlp.attached(CompiledObjective), start_count(nlp)
+    hazard, (batch, n) = task.step.hazard, task.step.alive.shape
+    compiled, starts = formation_objective(hazard, n), starts_for(hazard)
     if compiled is None or not _is_default(solver):
         return applied_decision(task.step, task.formation(), solver)
     from ..formation.state_kernels import Limits, StepResults, decide_states
 
-    batch, n = task.step.alive.shape
     results = StepResults(
         np.empty((batch, n, 2)),
         np.empty((batch, 3)),

@@ -20,9 +20,12 @@ from ..scenario.variations import require_default
 from ..solvers import Solver
 from ..typing import LeaderSelection
 from .base import Policy, require_guide_of
+from .bayes import BayesPolicy
 from .formation_policies import (
     ConstrainedFeedbackPolicy,
     ConstrainedPolicy,
+    FeedbackPolicy,
+    FormationPolicy,
     LeaderFeedbackPolicy,
     LeaderPolicy,
 )
@@ -112,26 +115,16 @@ def make_policy(
     backend = papers_solver(scenario, solver, scenario.formation, solver_options, start="zero")
     if guide is not None:
         require_guide_of(scenario, guide)
-    motion, rho = Motion.from_scenario(scenario), scenario.formation.rho
     if kind in ("leader-feedback", "constrained-feedback"):
-        require_default(scenario, "swarm.kind", f"the policy {kind}")
-        value = ValueFunction.from_scenario(scenario, certified=False)
-        if kind == "leader-feedback":
-            return LeaderFeedbackPolicy(
-                scenario.hazard,
-                motion,
-                value,
-                backend,
-                follower_weight=scenario.formation.follower_weight,
-            )
-        return ConstrainedFeedbackPolicy(scenario.hazard, motion, value, backend, rho)
+        return _weighing(scenario, _feedback_policy(kind, scenario.believed, backend))
     if kind == "optimal":
         OptimalPolicy.require_pair(scenario)  # before a guide is planned
-    guide = plan(scenario, guide_solver(solver), certify=False) if guide is None else guide
+    if guide is None:
+        guide = plan(scenario.believed, guide_solver(solver), certify=False)
     if kind == "optimal":
         return OptimalPolicy.from_scenario(scenario, guide)
     if kind == "naive":
-        return NaivePolicy(motion, member_guides(scenario, guide))
+        return NaivePolicy(Motion.from_scenario(scenario), member_guides(scenario.believed, guide))
     if kind.startswith("joint"):
         swarm_plan = plan_swarm(scenario, guide=guide, certify=False)
         open_loop = JointPolicy.from_plan(swarm_plan)
@@ -142,16 +135,38 @@ def make_policy(
     if horizon > 1:
         for key in ("swarm.speed", "swarm.kind"):
             require_default(scenario, key, f"the policy {full_name}")
-    shared = (scenario.hazard, motion, guide, backend, horizon)
+    motion, options = Motion.from_scenario(scenario), scenario.formation
+    shared = (scenario.believed.hazard, motion, guide, backend, horizon)
     spare = max(0, scenario.n_steps - guide.arrival)
     wait = min(spare, scenario.time.steps_within(scenario.guide.max_wait))
     counts = None if scenario.swarm.kind is None else scenario.swarm.counting
+    policy: FormationPolicy
     if kind == "leader":
-        weight = scenario.formation.follower_weight
-        return LeaderPolicy(
-            *shared, leader_selection, full_name, weight, max_wait=wait, counts=counts
+        own = leader_selection, full_name, options.follower_weight
+        policy = LeaderPolicy(*shared, *own, max_wait=wait, counts=counts)
+    else:
+        policy = ConstrainedPolicy(
+            *shared, options.rho, full_name, max_wait=wait, counts=counts
         )
-    return ConstrainedPolicy(*shared, rho, full_name, max_wait=wait, counts=counts)
+    return _weighing(scenario, policy)
+
+
+def _feedback_policy(kind: str, scenario: Scenario, solver: Solver) -> FeedbackPolicy:
+    """The policy of a feedback guide, for a hazard that is known."""
+    require_default(scenario, "swarm.kind", f"the policy {kind}")
+    value = ValueFunction.from_scenario(scenario, certified=False)
+    shared = scenario.hazard, Motion.from_scenario(scenario), value, solver
+    if kind == "leader-feedback":
+        weight = scenario.formation.follower_weight
+        return LeaderFeedbackPolicy(*shared, follower_weight=weight)
+    return ConstrainedFeedbackPolicy(*shared, scenario.formation.rho)
+
+
+def _weighing(scenario: Scenario, policy: FormationPolicy | FeedbackPolicy) -> Policy:
+    """The policy, or the one that weighs the cases of the hazard by their posterior."""
+    if len(scenario.cases) == 1 or scenario.formation.belief == "prior":
+        return policy
+    return BayesPolicy(scenario, policy)
 
 
 def _in_order(first: Any, second: Any) -> tuple[str, Scenario]:

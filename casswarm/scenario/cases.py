@@ -51,6 +51,17 @@ def cases_of(scenario: Scenario) -> tuple[Case, ...]:
     )
 
 
+def weighted(scenario: Scenario, weights: ArrayLike) -> HazardTable:
+    """Hazard with other weights (K,) of its K distinct cases."""
+    table = scenario.hazard_table
+    own = dict(zip(reversed(table.cases), reversed(table.case), strict=True))
+    cases = tuple(
+        own[case.scenario.hazard_table].model_copy(update={"weight": float(weight)})
+        for case, weight in zip(scenario.cases, np.asarray(weights, float), strict=True)
+    )
+    return table.model_copy(update={"case": cases})
+
+
 def require_known(scenario: Scenario) -> None:
     """Raise ScenarioError for a scenario with several cases."""
     if (count := len(scenario.cases)) > 1:

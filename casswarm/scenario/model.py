@@ -16,7 +16,7 @@ from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_
 from .._util.display import Displayed
 from .._util.text import counted, shown
 from ..typing import FloatArray
-from .cases import Case, cases_of, mean_table, radars_text, require_known
+from .cases import Case, cases_of, mean_table, radars_text, require_known, weighted
 from .consistency import contradictions, core_radius, in_reach
 from .hazard_table import HazardTable
 from .members import most_favourable, with_accelerations, with_equal_members
@@ -244,6 +244,20 @@ class Scenario(Displayed, Table):
     def with_hazard_table(self, table: HazardTable) -> Scenario:
         """The scenario with another hazard, which is not checked against the rest."""
         return self._constructed(hazard_table=table)
+
+    @cached_property
+    def believed(self) -> Scenario:
+        """The scenario as those see it who know only the prior; itself if the hazard is known.
+
+        Its rates are the prior means of those of the cases: see `of_mean_rates`.
+        """
+        if len(self.cases) == 1:
+            return self
+        return self.of_mean_rates([case.weight for case in self.cases])
+
+    def with_prior(self, weights: ArrayLike) -> Scenario:
+        """The scenario with other prior weights (K,) of its cases; itself if the hazard is known."""
+        return self if len(self.cases) == 1 else self.with_hazard_table(weighted(self, weights))
 
     def of_mean_rates(self, weights: ArrayLike) -> Scenario:
         """The scenario with the weighted mean (K,) of the rates of its cases, where it has a kind.

@@ -295,6 +295,12 @@ class FormationOptions(Table):
         "rate; used only where distances alone do not determine the formation, as with collisions. "
         "0 is the paper's problem (6).",
     )
+    belief: Annotated[Literal["prior", "bayes"], Allowed("'prior' or 'bayes'")] = Field(
+        "prior",
+        description="Weights of the cases of a hazard that is not known (hazard.case) by which "
+        "formations average rates: the 'prior', or 'bayes', the posterior given who has survived "
+        "every step so far.",
+    )
 
 
 class Changes(TypedDict, total=False):

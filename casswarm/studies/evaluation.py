@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from numpy.typing import ArrayLike
 from typing_extensions import Unpack
@@ -35,6 +35,7 @@ from ..guide.plan import plan
 from ..policies import make_policy
 from ..policies.parametric import ParametricPolicy
 from ..policies.user import repeated
+from ..scenario.cases import require_known
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import FloatArray, Interval
@@ -43,6 +44,8 @@ from .inputs import PosedStudy, policy_list, policy_name, require_runs
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
+
+T = TypeVar("T")
 
 TOLERANCE = 1e-3
 MAX_STATES = 1_000_000
@@ -93,8 +96,8 @@ def evaluate(
     accuracy, execution, **plain
         Values of `Accuracy` and `Execution`, in these records or as plain keywords:
 
-        - `max_states`, by default a million, or ten thousand with more than 12 members. If that is
-          too few for `tolerance`, the bounds are wider: `OutcomeDistribution.residual_mass` is
+        - `max_states`, by default a million, or ten thousand with more than 12 members, for every
+          case of a hazard that is not known. If that is too few for `tolerance`, the bounds are wider: `OutcomeDistribution.residual_mass` is
           their width, and `OutcomeDistribution.advice` says what would help.
         - `aggregation_tol`, the largest spacing of the lattice of positions, in units of length.
           The policy's commands are rounded so that members move to lattice points, within v_max and
@@ -109,6 +112,7 @@ def evaluate(
     Returns
     -------
     OutcomeDistribution
+        Of a hazard that is not known (``hazard.case``), for its prior and for every case.
 
     Raises
     ------
@@ -137,7 +141,9 @@ def evaluate(
     tolerance, max_states, aggregation_tol, progress = values
     options = _options(scenario, tolerance, max_states)
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
-    return _expansion(inputs, options, aggregation_tol)[0].distribution()
+    expansions = _expansions(inputs, options, aggregation_tol)[0]
+    laws = [expansion.distribution() for expansion in expansions]
+    return OutcomeDistribution.of_cases(_weighted(scenario, laws))
 
 
 def estimate(
@@ -182,7 +188,8 @@ def estimate(
     Returns
     -------
     Estimate
-        It separates what is proven from what is statistical.
+        It separates what is proven from what is statistical. Of a hazard that is not known, every
+        case is sampled by `runs` runs.
 
     Raises
     ------
@@ -199,9 +206,15 @@ def estimate(
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
-    expansion, velocities = _expansion(inputs, options, aggregation_tol)
-    chain = Chain(scenario, velocities, seed, lattice=expansion.options.lattice)
-    return sample_residual(expansion, chain, runs, inputs[-1])
+    expansions, velocities = _expansions(inputs, options, aggregation_tol)
+    chain = Chain(scenario, velocities, seed, lattice=expansions[0].options.lattice)
+    sampled = [sample_residual(expansion, chain, runs, inputs[-1]) for expansion in expansions]
+    return Estimate.of_cases(_weighted(scenario, sampled))
+
+
+def _weighted(scenario: Scenario, answers: Sequence[T]) -> list[tuple[float, T]]:
+    """Answers for every case of the hazard, with the prior weights of the cases."""
+    return [(case.weight, each) for case, each in zip(scenario.cases, answers, strict=True)]
 
 
 def _options(
@@ -231,10 +244,13 @@ def _require_few(scenario: Scenario, what: str, advice: str) -> None:
         )
 
 
-def _expansion(
+def _expansions(
     inputs: tuple[Any, ...], options: ExpansionOptions, aggregation_tol: float | None
-) -> tuple[StateSpaceExpansion, FloatArray]:
-    """Expand the chain's states, of the inputs of `PosedStudy.of`; also returns V(-1)."""
+) -> tuple[list[StateSpaceExpansion], FloatArray]:
+    """Expand the chain's states, of the inputs of `PosedStudy.of`, for every case of the hazard.
+
+    Also returns V(-1).
+    """
     scenario, policy, *others = inputs
     names = list(map(policy_name, listed := policy_list(policy)))
     if len(names) > 1:
@@ -246,9 +262,13 @@ def _expansion(
     posed = PosedStudy.of(scenario, listed, *others)
     options = replace(options, lattice=posed.lattice(aggregation_tol))
     policy, velocities = repeated(posed.policies[0]), posed.velocities
-    expansion = StateSpaceExpansion(scenario, policy, velocities, options)
-    expansion.expand(posed.progress)
-    return expansion, velocities
+    expansions = [
+        StateSpaceExpansion(scenario, policy, velocities, options, case)
+        for case in range(len(scenario.cases))
+    ]
+    for expansion in expansions:
+        expansion.expand(posed.progress)
+    return expansions, velocities
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,6 +433,7 @@ def success_gradient(
             "scenario)",
             policy=type(policy).__name__,
         )
+    require_known(scenario)
     _require_fit(scenario, policy)
     given = plain if tolerance is None else {**plain, "tolerance": tolerance}
     values = given_values("success_gradient", accuracy, plain=given, **EXACT)

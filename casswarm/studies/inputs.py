@@ -55,11 +55,11 @@ class PosedStudy:
         listed = policy_list(policies)
         make_solver(solver, **(solver_options or {}))  # before planning, which takes longer
         if guide is None:
-            guide = plan(scenario, guide_solver(solver), certify=False, progress=progress)
+            guide = plan(scenario.believed, guide_solver(solver), certify=False, progress=progress)
         resolved = [resolve_policy(p, scenario, guide, solver, solver_options) for p in listed]
         solves = any(isinstance(policy, FormationPolicy | FeedbackPolicy) for policy in resolved)
-        if solves and isinstance(scenario.hazard, CustomHazard):
-            progress = SlowRates(scenario.hazard, progress)
+        if solves and isinstance(scenario.believed.hazard, CustomHazard):
+            progress = SlowRates(scenario.believed.hazard, progress)
         return cls(scenario, guide, resolved, progress)
 
     @cached_property
@@ -162,8 +162,11 @@ def study_inputs(
     study: str, scenario: Scenario, policies: Sequence[str | Policy], **values: Any
 ) -> dict[str, Any]:
     """Inputs of a study as JSON values, with hashes of the code of the user that it calls."""
-    hazard = scenario.hazard.after(1)
-    code = {"hazard": hazard.function if isinstance(hazard, CustomHazard) else type(hazard)}
+    code: dict[str, Any] = {}
+    for number, case in enumerate(scenario.cases):
+        hazard = case.scenario.hazard.after(1)
+        name = f"hazard.case[{number}]" if number else "hazard"
+        code[name] = hazard.function if isinstance(hazard, CustomHazard) else type(hazard)
     for policy in policies:
         if not isinstance(policy, str):
             code[policy.name] = policy.function if isinstance(policy, UserPolicy) else type(policy)

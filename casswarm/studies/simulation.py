@@ -27,7 +27,7 @@ from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import Progress
 from .inputs import PosedStudy, require_runs, study_inputs
-from .tables import paired_table, run_table, summarise
+from .tables import paired_table, run_table, summarise, with_cases
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -145,12 +145,16 @@ class Study(Displayed):
     runs : DataFrame
         A row per run: policy, run, success, survivors, arrival_step (missing if no member
         arrived), steps, distance (of the nearest living member from the target zone at the end;
-        missing if none lives), infeasible, solver_failures, fallbacks, saturated.
+        missing if none lives), infeasible, solver_failures, fallbacks, saturated; and of a hazard
+        that is not known, case: the true one, which is drawn by the prior.
     effort : DataFrame
         A row per policy: number of distinct states in which it was evaluated, seconds. Not
         reproducible.
     trajectories : dict of policy name to tuple of RunTrajectory
         Trajectories of the first runs.
+    cases : DataFrame or None
+        Of a hazard that is not known, the rows of `summary` for the prior, and for the runs in
+        which each of the cases is the true one, with the columns case and weight.
     """
 
     scenario: Scenario
@@ -161,11 +165,13 @@ class Study(Displayed):
     runs: pd.DataFrame
     effort: pd.DataFrame
     trajectories: dict[str, tuple[RunTrajectory, ...]]
+    cases: pd.DataFrame | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Rows of the tables but `runs`, and the guide's values, for a JSON file."""
         guide = self.guide
-        tables = {name: getattr(self, name) for name in ("summary", "paired", "effort")}
+        names = "summary", "paired", "effort", "cases"
+        tables = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         return {name: table.to_dict("records") for name, table in tables.items()} | {
             "guide": {
                 "risk": guide.risk,
@@ -183,7 +189,8 @@ class Study(Displayed):
         return f"Study({self.scenario.name!r}, runs={runs}, seed={self.seed}, success: {success})"
 
     def __str__(self) -> str:
-        return f"{self.guide}\n{self.summary.to_string(index=False)}"
+        table = self.summary if self.cases is None else self.cases
+        return f"{self.guide}\n{table.to_string(index=False)}"
 
 
 def simulate(
@@ -290,15 +297,18 @@ def simulate(
 
 def _study(posed: PosedStudy, seed: int, results: Mapping[str, list[Runs]]) -> Study:
     tables, effort, trajectories = [], [], {}
+    weights = [case.weight for case in posed.scenario.cases]
     for name, batches in results.items():
         batches.sort(key=lambda part: part.first)
-        tables += [run_table(name, part) for part in batches]
+        tables += [run_table(name, part, len(weights)) for part in batches]
         trajectories[name] = tuple(path for part in batches for path in part.trajectories)
         states, seconds = sum(b.states for b in batches), sum(b.seconds for b in batches)
         effort.append({"policy": name, "states": states, "seconds": seconds})
     runs = pd.concat(tables, ignore_index=True)
-    tables_of_runs = summarise(runs), paired_table(runs), runs, pd.DataFrame(effort)
-    return Study(posed.scenario, posed.guide, seed, *tables_of_runs, trajectories)
+    summary = summarise(runs)
+    cases = with_cases(summary, runs, weights) if len(weights) > 1 else None
+    tables_of_runs = summary, paired_table(runs), runs, pd.DataFrame(effort)
+    return Study(posed.scenario, posed.guide, seed, *tables_of_runs, trajectories, cases)
 
 
 def runs_needed(

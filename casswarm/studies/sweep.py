@@ -134,7 +134,7 @@ def is_computed(result: Any) -> bool:
 @lru_cache(maxsize=32)
 def _guide(scenario: Scenario, solver: str) -> Guide:
     """Guide of a scenario, planned once for all policies."""
-    return plan(scenario, solver, certify=False)
+    return plan(scenario.believed, solver, certify=False)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

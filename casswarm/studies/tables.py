@@ -48,6 +48,31 @@ def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.
     return pd.concat(parts, ignore_index=True)
 
 
+def by_case(answers: Sequence[Any]) -> list[tuple[str, float, Any]]:
+    """Distributions or estimates with their cases: (case or "prior", weight, answer)."""
+    return [
+        row
+        for answer in answers
+        for row in [
+            ("prior", 1.0, answer),
+            *((str(k), weight, each) for k, (weight, each) in enumerate(answer.cases)),
+        ]
+    ]
+
+
+def case_table(answers: Sequence[Any]) -> pd.DataFrame:
+    """Distributions or estimates for the prior and every case: `distribution_table` of each.
+
+    With the columns case and weight, as `with_cases` has them.
+    """
+    cases, weights, each = zip(*by_case(answers), strict=True)
+    make = estimate_table if isinstance(answers[0], Estimate) else distribution_table
+    table = make(each)
+    table.insert(1, "case", cases)
+    table.insert(2, "weight", weights)
+    return table
+
+
 def distribution_table(distributions: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     """Bounds of success and of the mean number of survivors, and counts: a row per policy."""
     return pd.DataFrame(
@@ -144,8 +169,8 @@ def member_table(distributions: Sequence[OutcomeDistribution]) -> pd.DataFrame:
     return pd.DataFrame({"member": np.arange(len(distributions[0].members))} | columns)
 
 
-def run_table(name: str, part: Runs) -> pd.DataFrame:
-    """Runs of a policy: a row per run; see `Study`."""
+def run_table(name: str, part: Runs, cases: int = 1) -> pd.DataFrame:
+    """Runs of a policy, of a hazard with so many cases: a row per run; see `Study`."""
     arrived = part.arrival >= 0
     arrival = pd.array(np.where(arrived, part.arrival, 0), dtype="Int64")
     arrival[~arrived] = pd.NA
@@ -160,6 +185,7 @@ def run_table(name: str, part: Runs) -> pd.DataFrame:
             "distance": part.distance,
         }
         | part.counts
+        | ({"case": part.case} if cases > 1 else {})
     )
 
 
@@ -181,6 +207,22 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
     intervals = map(wilson, table["successes"], table["runs"])
     bounds = pd.DataFrame(intervals, columns=["success_low", "success_high"])
     return pd.concat([table.loc[:, :"success"], bounds, table.loc[:, "survivors_mean":]], axis=1)
+
+
+def with_cases(
+    summary: pd.DataFrame, runs: pd.DataFrame, weights: Sequence[float]
+) -> pd.DataFrame:
+    """A summary of runs for the prior over the cases of a hazard, and one of those in each case.
+
+    Rows as of `summarise`, with the columns case ("prior", "0", "1", ...) and weight.
+    """
+    parts = [summary.assign(case="prior", weight=1.0)]
+    parts += [
+        summarise(runs[runs["case"] == k]).assign(case=str(k), weight=weight)
+        for k, weight in enumerate(weights)
+    ]
+    order = [*dict.fromkeys(["policy", "case", "weight", *summary.columns])]
+    return pd.concat([part for part in parts if len(part)], ignore_index=True)[order]
 
 
 def paired_table(runs: pd.DataFrame) -> pd.DataFrame:

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import bmat, csr_matrix, eye
 
 from .._util.text import shown
 from ..errors import PlanningError
@@ -121,6 +119,9 @@ class Ambiguity:
         The program minimises t over q in Q with t >= sum_k q_k s_k(w) for all w: the multipliers
         of these rows are the mixture.
         """
+        from scipy.optimize import linprog
+        from scipy.sparse import bmat, csr_matrix
+
         paths, cases = survivals.shape
         largest = float(survivals.max()) or 1.0
         rows, limits = self._rows(prior)
@@ -147,6 +148,8 @@ class Ambiguity:
 
     def _rows(self, prior: FloatArray) -> tuple[Any, FloatArray]:
         """Rows A and limits b with A (q, u) <= b, u further variables; none for all priors."""
+        from scipy.sparse import bmat, csr_matrix, eye  # slow to import
+
         cases = len(prior)
         unit = eye(cases)
         if self.name == "worst":
