@@ -29,7 +29,7 @@ from .guide.mixture import MixedGuide
 from .guide.plan import plan, plan_baseline
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
 from .infeasibility import Explanation, explain
-from .joint import SwarmOutcome, SwarmPlan, plan_swarm
+from .joint import MixedPlan, SwarmOutcome, SwarmPlan, plan_swarm
 from .nlp.program import Instances, Nlp
 from .nlp.solution import BatchSolution, Residuals, Solution, Status
 from .policies import Decision, ParametricPolicy, Policy, as_policy, make_policy
@@ -78,6 +78,7 @@ __all__ = [
     "Interval",
     "KernelHazard",
     "MixedGuide",
+    "MixedPlan",
     "Nlp",
     "OptimalValue",
     "OutcomeDistribution",

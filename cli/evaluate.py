@@ -53,7 +53,8 @@ def evaluate(
     table and writes distributions.csv, arrival.csv (probability of the first arrival at every
     step), survivors.csv, members.csv (survival of every member), population.csv (number alive at
     every step), run.json and the figures success, arrival, population and survival, which casswarm
-    plot draws again.
+    plot draws again. If the hazard is not known (hazard.case), all of them are for the prior, and
+    cases.csv and the figure cases also have the success in every case.
 
     \b
     Examples:
@@ -72,7 +73,7 @@ def evaluate(
         folder = job.open("evaluate", chosen)
         job.prepare_figures()
         guide = csw.plan(
-            chosen, guide_solver(policies.solver), certify=False, progress=job.progress
+            chosen.believed, guide_solver(policies.solver), certify=False, progress=job.progress
         )
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = job.progress
@@ -107,6 +108,8 @@ def _write_tables(
 
     table = tables.distribution_table(distributions)
     estimated = {"estimates": tables.estimate_table(estimates)} if estimates else {}
+    if distributions[0].cases:
+        estimated["cases"] = tables.case_table(estimates or distributions)
     folder.write_tables(**estimated)
     folder.write_objects(distributions=distributions)
     folder.write_tables(
@@ -123,16 +126,17 @@ def _write_tables(
 
 
 def _text(scenario: csw.Scenario, distributions: list[csw.OutcomeDistribution]) -> str:
-    from ..studies.tables import count_notes
+    from ..studies.tables import by_case, count_notes
 
     rows = [
-        {
-            "policy": each.policy,
+        {"policy": each.policy}
+        | ({"case": case} if len(scenario.cases) > 1 else {})
+        | {
             "success, bounds": "{:.6f} to {:.6f}".format(*each.success),
             "survivors": "{:.3f} to {:.3f}".format(*each.survivors_mean),
             "states": f"{each.states}",
         }
-        for each in distributions
+        for case, _, each in by_case(distributions)
     ]
     counts = [
         {"policy": each.policy, "infeasible": each.infeasible, "solver_failures": each.failures}

@@ -155,6 +155,17 @@ class PlanOptions(GuideOptions):
     )
 
 
+def ambiguity_option(what: str) -> Any:
+    """Option that asks for a mixture of guides or plans."""
+    return option(
+        f"Plan a mixture of {what} for a hazard that is not known (hazard.case): for the mean of "
+        "the prior, the worst prior, the mean over the worst fraction of cases (cvar:0.3), or the "
+        "worst prior within a distance (tv:0.5).",
+        type=AmbiguityText(),
+        metavar="mean|worst|cvar:A|tv:R",
+    )
+
+
 @dataclass(frozen=True)
 class SolveOptions:
     """Options of the solver, and of the lower bound on the risk."""
@@ -182,13 +193,7 @@ class SolveOptions:
         type=Number(0.0, min_open=True, infinite=True),
     )
     with_map: bool = option("Also plot the cost-to-go map.", "--map")
-    ambiguity: Any = option(
-        "Plan a mixture of guides for a hazard that is not known (hazard.case): for the mean of "
-        "the prior, the worst prior, the mean over the worst fraction of cases (cvar:0.3), or the "
-        "worst prior within a distance (tv:0.5).",
-        type=AmbiguityText(),
-        metavar="mean|worst|cvar:A|tv:R",
-    )
+    ambiguity: Any = ambiguity_option("guides")
 
 
 @click.command()
@@ -281,10 +286,7 @@ def _plan_mixture(job: Work, scenario: csw.Scenario, chosen: Any, solving: Solve
     folder.write_tables(
         mixture=tables.mixture_table(mixed), paths=tables.path_table({"mixture": paths})
     )
-    folder.write_objects(mixed=mixed)
-    folder.write_record(mixed.as_dict(), {"ambiguity": chosen})
-    job.draw()
-    job.finish(f"{scenario.name}: {counted(len(scenario.cases), 'case')} of the hazard\n{mixed}")
+    _finish_mixture(job, scenario, mixed, {"ambiguity": chosen})
 
 
 def _write_guide(folder: ResultsFolder, guide: csw.Guide, solver: str) -> None:
@@ -343,6 +345,7 @@ class SwarmPlanOptions:
         "Start no further initial guess after this time, in seconds. [default: none]",
         type=Number(0.0, min_open=True, infinite=True),
     )
+    ambiguity: Any = ambiguity_option("plans")
 
 
 @click.command("plan-swarm")
@@ -353,12 +356,15 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
     Finds the open-loop plan of greatest success. Prints the plan's success probability and a bound
     that no policy can exceed. Writes joint.csv (a row per step and member), outcomes.csv (the
     outcome of every initial guess), joint.png and run.json; casswarm plot draws the figure again.
+    If the hazard is not known (hazard.case), the plan is for the prior; with --ambiguity a mixture
+    of plans is written instead: mixture.csv, joint.csv, mixture.png and run.json.
 
     \b
     Examples:
       casswarm plan-swarm paper-1
       casswarm plan-swarm paper-2 --min-distance 0.1
       casswarm plan-swarm paper-1 --objective survivors --time-limit 60
+      casswarm plan-swarm two-gaps --ambiguity worst
     """
     with work(common) as job:
         chosen = load(common)
@@ -367,8 +373,12 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
 
         folder = job.open("plan-swarm", chosen)
         # for the initial velocities
-        guide = csw.plan(chosen, certify=False, progress=job.progress)
-        found = csw.plan_swarm(chosen, **asdict(planning), guide=guide, progress=job.progress)
+        guide = csw.plan(chosen.believed, certify=False, progress=job.progress)
+        shared: dict[str, Any] = {"guide": guide, "progress": job.progress}
+        found = csw.plan_swarm(chosen, **asdict(planning), **shared)
+        if isinstance(found, csw.MixedPlan):
+            _write_mixed_plan(job, chosen, found, asdict(planning))
+            return
         folder.write_tables(joint=joint_table(found), outcomes=outcome_table(found))
         sampled = None
         if found.distribution is None:
@@ -379,6 +389,26 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
         _write_swarm(folder, found, sampled, asdict(planning))
         job.draw()
         job.finish(_swarm_text(chosen, found, sampled))
+
+
+def _write_mixed_plan(
+    job: Work, scenario: csw.Scenario, mixed: csw.MixedPlan, inputs: dict[str, Any]
+) -> None:
+    from ..studies import tables
+
+    joint = [tables.joint_table(plan).assign(plan=k) for k, plan in enumerate(mixed.plans)]
+    job.folder.write_tables(mixture=tables.mixture_table(mixed), joint=tables.stacked(joint))
+    _finish_mixture(job, scenario, mixed, inputs)
+
+
+def _finish_mixture(
+    job: Work, scenario: csw.Scenario, mixed: Any, inputs: dict[str, Any]
+) -> None:
+    """Write the object and the record of a mixture of guides or plans, and print it."""
+    job.folder.write_objects(mixed=mixed)
+    job.folder.write_record(mixed.as_dict(), inputs)
+    job.draw()
+    job.finish(f"{scenario.name}: {counted(len(scenario.cases), 'case')} of the hazard\n{mixed}")
 
 
 def _write_swarm(

@@ -67,7 +67,8 @@ def simulate(
     trajectories), guide.csv, run.json and figures: success, differences, and for the first run of
     every policy a map and close-ups of its formation. casswarm plot draws them again, casswarm
     animate animates a saved run. Results are saved incrementally: resume an interrupted study with
-    --resume.
+    --resume. If the hazard is not known (hazard.case), the true case of every run is drawn by the
+    prior; cases.csv and the figure cases have the success in every case.
 
     \b
     Examples:
@@ -92,7 +93,7 @@ def simulate(
         chosen_policies = named_policies(policies)
         folder = job.open("simulate", chosen, execution.saved_since)
         job.prepare_figures()
-        guide = csw.plan(chosen, guide_solver(policies.solver), progress=job.progress)
+        guide = csw.plan(chosen.believed, guide_solver(policies.solver), progress=job.progress)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
         study = _study(job, chosen, chosen_policies, sampling, execution, shared)
         inputs = {
@@ -150,6 +151,7 @@ def _write_tables(folder: ResultsFolder, study: csw.Study) -> None:
     folder.write_tables(
         summary=study.summary,
         **{"paired": study.paired} if len(study.paired) else {},
+        **{} if study.cases is None else {"cases": study.cases},
         runs=study.runs,
         guide=guide_table(study.guide),
         trajectories=trajectory_table(study.trajectories),
@@ -159,10 +161,11 @@ def _write_tables(folder: ResultsFolder, study: csw.Study) -> None:
 def _text(study: csw.Study) -> str:
     from ..studies.tables import count_notes, end_notes, paired_texts, summary_texts
 
+    table = study.summary if study.cases is None else study.cases
     lines = [
         f"{study.scenario.name}: {study.guide}",
         "",
-        aligned_table(summary_texts(study.summary).to_dict("records")),
+        aligned_table(summary_texts(table).to_dict("records")),
         *count_notes(study.summary.to_dict("records")),
         *end_notes(study.runs, study.guide, study.scenario.for_guide.swarm.v_max),
     ]

@@ -117,7 +117,7 @@ def success_bound(
     max_work: float = MAX_WORK,
     accuracy: float = ACCURACY,
     time_limit: float = math.inf,
-    ambiguity: AmbiguityLike = "mean",
+    ambiguity: AmbiguityLike | Ambiguity = "mean",
 ) -> SuccessBound:
     """Proven upper bound on the success probability of every policy.
 

@@ -50,12 +50,23 @@ _OFFSET = 10.0  # points on a page from a point to the middle of its label
 _MAP = 0.62  # about the width of a map, as a fraction of its figure's
 
 
+def pictured(scenario: Scenario) -> Scenario:
+    """The scenario whose hazard is drawn: of a hazard that is not known, of its mean rates.
+
+    The first case where they have no mean, as those of users.
+    """
+    try:
+        return scenario.believed
+    except ScenarioError:
+        return scenario.cases[0].scenario
+
+
 class LabelPlaces:
     """Places that labels leave free on a map of this width: off paths (..., 2) and landmarks."""
 
     def __init__(self, scenario: Scenario, paths: Sequence[FloatArray], width: float) -> None:
         self.distance = width * scaled(_OFFSET) / (72 * _MAP * current_theme().width)
-        radars = scenario.hazard.radar_positions.reshape(-1, 2)
+        radars = pictured(scenario).hazard.radar_positions.reshape(-1, 2)
         points = np.vstack([path.reshape(-1, 2) for path in paths])
         targets = scenario.target.discs
         self.centers = np.vstack([points, radars, [disc.center for disc in targets]])
@@ -118,11 +129,7 @@ def base_map(
     Rates that depend on time are those after `step` steps, by default the last one; of a hazard
     that is not known they are the prior means, or those of the first case.
     """
-    if len(scenario.cases) > 1:
-        try:
-            scenario = scenario.of_mean_rates([case.weight for case in scenario.cases])
-        except ScenarioError:  # rates of users, which have no mean
-            scenario = scenario.cases[0].scenario
+    scenario = pictured(scenario)
     fig, axes = single_panel(ax=ax)
     image = draw_base_map(axes, scenario, *scenario.extent(contents), step)
     when = f" after step {_shown(scenario, step)}" if scenario.hazard.changes else ""
@@ -512,7 +519,8 @@ def _close_up(
         return
     cross = np.array([[0, 0], [0, 1], [1, 0], [0, -1], [-1, 0]])
     targets = [np.asarray(disc.center) + disc.radius * cross for disc in scenario.target.discs]
-    obstacles = np.vstack([*targets, scenario.hazard.radar_positions.reshape(-1, 2), others])
+    radars = pictured(scenario).hazard.radar_positions.reshape(-1, 2)
+    obstacles = np.vstack([*targets, radars, others])
     add_closeup(axes, paths, obstacles)
 
 

@@ -1,9 +1,8 @@
 from .agent import initial_velocities, plan_from
-from ..scenario.ambiguity import Ambiguity
 from .certificate import certify_guide
 from .frame import Frame
 from .guide import Candidate, Guide
-from .mixture import MixedGuide, plan_mixture
+from .mixture import Ambiguity, MixedGuide, plan_mixture
 from .multistart import GridPath, Multistart, best_homotopy_classes, homotopy_signature
 from .passes import coarsest_pass
 from .plan import plan_baseline

@@ -34,7 +34,7 @@ from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Interval, Progress
 from .agent import plan_from
-from ..scenario.ambiguity import Ambiguity, AmbiguityLike
+from ..scenario.ambiguity import SUPPORT, Ambiguity, AmbiguityLike, Mixture, of_game
 from .certificate import TIME_LIMIT, certify_guide
 from .guide import Candidate, Guide
 from .multistart import GridPath, Multistart
@@ -44,101 +44,42 @@ _ROUNDS = 40  # of adding paths
 _ENOUGH = 1e-6  # relative gain of a path from which it is added
 _SEARCHED = 1_500_000  # values of the dynamic program that finds paths
 _MOST_RISK = 100.0  # of a guess
-_SUPPORT = 1e-9  # weight of a path that counts
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class MixedGuide(Displayed):
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class MixedGuide(Mixture, Displayed):
     """A distribution over guides for a hazard that is not known, and what it is worth.
-
-    Several mixtures may have the same value, up to the gap: `paths`, `weights` and `worst_prior`
-    are those of one of them.
 
     Parameters
     ----------
     paths : tuple of Guide
         Guides of positive weight, the likeliest first. Their rates are the prior means of those of
         the cases.
-    weights : (P,)
-        Probability of each, by which one is drawn before the start.
-    survivals : (P, K)
-        Survival of every path in every case.
-    prior : (K,)
-        Weights of the cases.
-    ambiguity : Ambiguity
-        The set Q of priors that are possible.
-    value : Interval
-        Least mean survival over Q of the best mixture: the value of this mixture below, a proven
-        bound above, 1 if there is none.
-    worst_prior : (K,)
-        The prior in Q against which no path is better than the bound.
     pure : Guide
         The best single guide that is known.
-    pure_value : float
-        Its least mean survival over Q.
-    known : (K,)
-        Survival of the best known guide of every case, for an agent that knows the case.
     bound : MixtureBound, optional
         Details of the proof, up to four cases.
-    note : str
-        How the bound is proven, or why there is none.
+    weights, survivals, prior, ambiguity, value, worst_prior, pure_value, known, note
+        As of `casswarm.scenario.ambiguity.Mixture`.
     """
 
     paths: tuple[Guide, ...]
-    weights: FloatArray
-    survivals: FloatArray
-    prior: FloatArray
-    ambiguity: Ambiguity
-    value: Interval
-    worst_prior: FloatArray
     pure: Guide
-    pure_value: float
-    known: FloatArray
     bound: MixtureBound | None = None
-    note: str = ""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "value", Interval(*self.value))  # read back, it is a tuple
+    @property
+    @override
+    def routes(self) -> list[FloatArray]:
+        return [path.positions[:, None] for path in self.paths]
 
     @classmethod
     def of_guide(cls, guide: Guide, ambiguity: Ambiguity) -> MixedGuide:
         """The mixture of one guide for a hazard that is known."""
-        survival, one = guide.survival, np.ones(1)
+        survival = guide.survival
         high = 1.0 if guide.survival_bound is None else max(guide.survival_bound, survival)
-        value, alone = Interval(survival, high), np.array([survival])
-        parts = one, alone[None], one, ambiguity, value, one, guide, survival, alone
-        return cls((guide,), *parts, note="the hazard has one case")
-
-    @property
-    def survival(self) -> FloatArray:
-        """Survival (K,) of the mixture in every case."""
-        return np.asarray(self.weights @ self.survivals)
-
-    @property
-    def gap(self) -> float:
-        """(high - low) / high of the value."""
-        return self.value.width / self.value.high if self.value.high > 0 else 0.0
-
-    @property
-    def known_value(self) -> float:
-        """Least mean survival over Q of an agent that knows the case, by the guides of `known`."""
-        return self.ambiguity.least(self.known, self.prior)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Values by name, for a JSON file."""
-        return {
-            "ambiguity": str(self.ambiguity),
-            "value": self.value._asdict(),
-            "gap": self.gap,
-            "pure_value": self.pure_value,
-            "known_value": self.known_value,
-            "prior": self.prior,
-            "worst_prior": self.worst_prior,
-            "survival": self.survival,
-            "weights": self.weights,
-            "note": self.note,
-            "paths": [path.positions for path in self.paths],
-        }
+        _, fields = of_game(ambiguity, np.array([[survival]]), np.ones(1))
+        fields |= {"value": Interval(survival, high), "known": np.array([survival])}
+        return cls(paths=(guide,), pure=guide, note="the hazard has one case", **fields)
 
     def __repr__(self) -> str:
         low, high = self.value
@@ -148,22 +89,11 @@ class MixedGuide(Displayed):
         )
 
     def __str__(self) -> str:
-        low, high = self.value
-        bound = f"no mixture can exceed {rounded_up(high):.4f}" if high < 1 else "not certified"
         paths = ", ".join(
             f"{weight:.3f} arrives at step {path.arrival}"
             for weight, path in zip(self.weights, self.paths, strict=True)
         )
-        cases = ", ".join(f"{s:.4f}" for s in self.survival)
-        note = f"\n{self.note}" if self.note else ""
-        return (
-            f"mixture of {counted(len(self.paths), 'guide')} for {self.ambiguity}: survival "
-            f"{low:.4f} ({bound})\n"
-            f"best single guide found {self.pure_value:.4f}, with the case known "
-            f"{self.known_value:.4f}\n"
-            f"weights: {paths}\nsurvival by case: {cases}; worst prior: "
-            f"{', '.join(f'{q:.3f}' for q in self.worst_prior)}{note}"
-        )
+        return self._text(counted(len(self.paths), "guide"), "survival", paths)
 
 
 @dataclass(frozen=True)
@@ -265,7 +195,7 @@ class _Game:
     def improve(self, weights: FloatArray, prior: FloatArray) -> bool:
         """Add the best path found against a prior; return False if it is no better."""
         table, search = np.array(self.survivals), self.multistart(prior)
-        starts = [self.candidates[row] for row in np.flatnonzero(weights > _SUPPORT)]
+        starts = [self.candidates[row] for row in np.flatnonzero(weights > SUPPORT)]
         starts += [self.candidates[int((table @ prior).argmax())]]
         chosen = dict.fromkeys(starts)
         paths = [(GridPath(self.positions(c), 1, ""), len(c.velocities)) for c in chosen]
@@ -342,23 +272,14 @@ def plan_mixture(
 
 def _mixed_guide(game: _Game, guides: Sequence[Guide]) -> MixedGuide:
     """The best mixture of a game's paths, not certified."""
-    weights, worst = game.solved()
-    rows = [int(row) for row in np.argsort(-weights, kind="stable") if weights[row] > _SUPPORT]
-    kept = weights[rows] / weights[rows].sum()
     table = np.array(game.survivals)
-    pure = [game.ambiguity.least(row, game.prior) for row in table]
-    best = int(np.argmax(pure))
+    rows, fields = of_game(game.ambiguity, table, game.prior)
+    best = int(np.argmax([game.ambiguity.least(row, game.prior) for row in table]))
     return MixedGuide(
         paths=tuple(_guide(game, game.candidates[row]) for row in rows),
-        weights=kept,
-        survivals=table[rows],
-        prior=game.prior,
-        ambiguity=game.ambiguity,
-        value=Interval(game.ambiguity.least(kept @ table[rows], game.prior), 1.0),
-        worst_prior=worst,
         pure=_guide(game, game.candidates[best]),
-        pure_value=pure[best],
         known=np.maximum(np.exp([-guide.risk for guide in guides]), table.max(axis=0)),
+        **fields,
     )
 
 

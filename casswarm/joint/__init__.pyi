@@ -1,5 +1,6 @@
 from .initial_guesses import INITIAL_GUESSES, InitialGuess
-from .plan_distribution import MAX_EXACT, PlanDistribution
+from .mixture import MixedPlan
+from .plan_distribution import MAX_EXACT, CasesDistribution, PlanDistribution, plan_law
 from .replan import PlanTree
 from .search import alternative_plan, plan_swarm
 from .solve import JointProblem
@@ -8,12 +9,15 @@ from .swarm_plan import SwarmOutcome, SwarmPlan
 __all__ = [
     "INITIAL_GUESSES",
     "MAX_EXACT",
+    "CasesDistribution",
     "InitialGuess",
     "JointProblem",
+    "MixedPlan",
     "PlanDistribution",
     "PlanTree",
     "SwarmOutcome",
     "SwarmPlan",
     "alternative_plan",
+    "plan_law",
     "plan_swarm",
 ]

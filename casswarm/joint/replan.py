@@ -37,6 +37,7 @@ MIN_PROBABILITY = 1e-3
 ITERATIONS = 60
 """Of a plan for survivors, whose initial guess is good."""
 
+_POSSIBLE = 1e-300  # weight of a case that keeps it
 _HORIZONS = 4  # program horizons are multiples of a quarter of the steps: few programs are built
 
 Members: TypeAlias = tuple[int, ...]
@@ -208,7 +209,7 @@ class PlanTree:
         if len(remaining) <= self.delay or counting < self.scenario.success.arrivals:
             return branch
         probabilities = branch.entering(step, members)
-        scenario = self.scenario.with_prior(probabilities)
+        scenario = self.scenario.with_prior(np.maximum(probabilities, _POSSIBLE))
         if scenario.swarm.kind is not None:
             scenario = scenario.of_members(members)
         start, initial_velocities = branch.state(step, members)

@@ -17,8 +17,8 @@ from ..figures.maps import ending
 from ..figures.success import EXACT, PAIRED, kind_of_success
 from ..grid import CostToGoMap
 from ..guide.guide import Candidate, Guide
-from ..guide.mixture import MixedGuide
 from ..scenario import Scenario
+from ..scenario.ambiguity import Mixture
 from ..typing import FloatArray
 
 FigureCatalogue = dict[str, Callable[[], Figure]]
@@ -41,8 +41,8 @@ def plan_figures(
     return catalogue
 
 
-def mixture_figures(scenario: Scenario, mixed: MixedGuide) -> FigureCatalogue:
-    """Figure of a mixture of guides."""
+def mixture_figures(scenario: Scenario, mixed: Mixture) -> FigureCatalogue:
+    """Figure of a mixture of guides or joint plans."""
     return {"mixture": partial(figures.mixture_map, scenario, mixed)}
 
 
@@ -65,11 +65,13 @@ def simulation_figures(
     paired: pd.DataFrame,
     trajectories: Mapping[str, RunTrajectory],
     run: int,
+    cases: pd.DataFrame | None = None,
 ) -> FigureCatalogue:
     """Figures of a simulation: success, differences, and run number `run` of every policy."""
     name = scenario.name
     heading = f"{name}: {kind_of_success(summary)}"
     catalogue: FigureCatalogue = {"success": partial(figures.success_chart, summary, heading)}
+    catalogue |= _case_figures(name, cases)
     if len(paired):
         catalogue["differences"] = partial(figures.difference_chart, paired, f"{name}: {PAIRED}")
     for policy, trajectory in trajectories.items():
@@ -90,7 +92,10 @@ def simulation_figures(
 
 
 def evaluation_figures(
-    scenario: Scenario, distributions: Sequence[OutcomeDistribution], successes: pd.DataFrame
+    scenario: Scenario,
+    distributions: Sequence[OutcomeDistribution],
+    successes: pd.DataFrame,
+    cases: pd.DataFrame | None = None,
 ) -> FigureCatalogue:
     """Figures of exact distributions, with the table of their success or of estimates."""
     name = scenario.name
@@ -101,7 +106,22 @@ def evaluation_figures(
         "arrival": partial(figures.arrival_chart, distributions, exact),
         "population": partial(figures.population_chart, distributions, scenario.n, exact),
         "survival": partial(figures.survival_chart, distributions, exact),
+        **_case_figures(name, cases),
     }
+
+
+def _case_figures(name: str, cases: pd.DataFrame | None) -> FigureCatalogue:
+    """Figure of success in every case of a hazard that is not known, and for the prior."""
+    if cases is None:
+        return {}
+    names = map(_case_name, cases["case"], cases["weight"])
+    panels = cases.assign(scenario=list(names))
+    title = f"{name}: success by case of the hazard"
+    return {"cases": partial(figures.success_chart, panels, title)}
+
+
+def _case_name(case: object, weight: float) -> str:
+    return "prior" if case == "prior" else f"case {case}, weight {weight:.3g}"
 
 
 def sweep_figures(name: str, table: pd.DataFrame, keys: Sequence[str]) -> FigureCatalogue:

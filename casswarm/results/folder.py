@@ -44,9 +44,11 @@ from ..chain.distribution import OutcomeDistribution
 from ..chain.monte_carlo import RunTrajectory
 from ..errors import CasswarmError, CheckpointError, FolderError
 from ..grid import CostToGoMap
-from ..guide.ambiguity import Ambiguity
+from ..scenario.ambiguity import Ambiguity
 from ..guide.guide import Candidate, Guide
 from ..guide.mixture import MixedGuide
+from ..joint import MixedPlan, SwarmPlan
+from ..motion.step import Motion
 from ..nlp.solution import Residuals, Solution, Status
 from ..typing import Progress
 from .drawing import FigureFormat, FigureProcess, drawn_files
@@ -448,6 +450,7 @@ class ResultsFolder:
             more = {"iterates": self.table("iterates")} if self.has_table("iterates") else {}
             return dict(figures(Comparison(self.table("runs"), no_problems, inputs, **more)))
         scenario, objects = self.scenario, self.objects
+        cases = self.table("cases") if self.has_table("cases") else None
         if "mixed" in objects:
             return catalogue.mixture_figures(scenario, **objects)
         if self.command == "plan":
@@ -456,12 +459,13 @@ class ResultsFolder:
             return catalogue.swarm_plan_figures(scenario, **objects)
         if self.command == "evaluate":
             successes = self.table("estimates" if self.has_table("estimates") else "distributions")
-            return catalogue.evaluation_figures(scenario, objects["distributions"], successes)
+            distributions = objects["distributions"]
+            return catalogue.evaluation_figures(scenario, distributions, successes, cases)
         if self.command == "sweep":
             return catalogue.sweep_figures(scenario.name, self.table("sweep"), objects["keys"])
         trajectories = dict(self.trajectory(policy, run) for policy in self.trajectories)
         return catalogue.simulation_figures(
-            scenario, self.guide, self.table("summary"), self.paired, trajectories, run
+            scenario, self.guide, self.table("summary"), self.paired, trajectories, run, cases
         )
 
 
@@ -478,14 +482,17 @@ _TYPES: dict[str, type[Any]] = {
         Guide,
         Level,
         MixedGuide,
+        MixedPlan,
         MixtureBound,
         MixtureLevel,
+        Motion,
         OutcomeDistribution,
         Residuals,
         RunTrajectory,
         Solution,
         Status,
         SuccessBound,
+        SwarmPlan,
     )
 }
 """Classes whose objects can be saved."""
@@ -516,6 +523,8 @@ def _encode(value: Any, arrays: list[np.ndarray]) -> Any:
         return {"type": name, "value": value.value}
     if isinstance(value, Guide):
         value = replace(value, candidates=())  # many, and for no figure
+    if isinstance(value, SwarmPlan):
+        value = replace(value, outcomes=(), distribution=None, likely=None)  # likewise
     if is_dataclass(value):
         if name not in _TYPES:
             raise TypeError(f"{name} objects cannot be saved")

@@ -12,14 +12,16 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from .._util.numbers import rounded_up
 from .._util.text import shown
 from ..errors import PlanningError
-from ..typing import FloatArray
+from ..typing import FloatArray, Interval
 
 Name: TypeAlias = Literal["mean", "worst", "cvar", "tv"]
 AmbiguityLike: TypeAlias = Literal["mean", "worst"] | tuple[Literal["cvar", "tv"], float]
 """What `plan` takes: the name of a set of priors, with its parameter if it has one."""
 
+SUPPORT = 1e-9  # weight in a mixture that counts
 _NEGLIGIBLE = 1e-10  # weight in a solver's answer that is none
 
 _ALLOWED = (
@@ -159,3 +161,110 @@ class Ambiguity:
             rows = bmat([[unit, -unit], [-unit, -unit]])
             return bmat([[rows], [total]]), np.concatenate([prior, -prior, [self.parameter]])
         return unit, prior / (self.parameter if self.name == "cvar" else 1.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Mixture:
+    """A distribution over P paths or plans for a hazard that is not known, and what it is worth.
+
+    Several mixtures may have the same value, up to the gap: `weights` and `worst_prior` are those
+    of one of them.
+
+    Parameters
+    ----------
+    weights : (P,)
+        Probability of each path or plan, by which one is drawn before the start.
+    survivals : (P, K)
+        Survival, or success, of every path or plan in every case.
+    prior : (K,)
+        Weights of the cases.
+    ambiguity : Ambiguity
+        The set Q of priors that are possible.
+    value : Interval
+        Least mean survival, or success, over Q: of this mixture below, and a proven bound of all
+        mixtures above, 1 if there is none.
+    worst_prior : (K,)
+        The prior in Q against which no known path or plan is better than this mixture.
+    pure_value : float
+        Least mean over Q of the best single path or plan that is known.
+    known : (K,)
+        Survival, or success, of the best known path or plan of every case.
+    note : str
+        How the bound is proven, or why there is none.
+    """
+
+    weights: FloatArray
+    survivals: FloatArray
+    prior: FloatArray
+    ambiguity: Ambiguity
+    value: Interval
+    worst_prior: FloatArray
+    pure_value: float
+    known: FloatArray
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", Interval(*self.value))  # read back, it is a tuple
+
+    @property
+    def routes(self) -> list[FloatArray]:
+        """Positions (T+1, m, 2) of the agent, or of m members, in each path or plan."""
+        raise NotImplementedError
+
+    @property
+    def survival(self) -> FloatArray:
+        """Survival, or success, (K,) of the mixture in every case."""
+        return np.asarray(self.weights @ self.survivals)
+
+    @property
+    def gap(self) -> float:
+        """(high - low) / high of the value."""
+        return self.value.width / self.value.high if self.value.high > 0 else 0.0
+
+    @property
+    def known_value(self) -> float:
+        """Least mean over Q of who knows the case, by the paths or plans of `known`."""
+        return self.ambiguity.least(self.known, self.prior)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Values by name, for a JSON file."""
+        names = "gap", "pure_value", "known_value", "prior", "worst_prior", "survival", "weights"
+        values = {name: getattr(self, name) for name in (*names, "note")}
+        values |= {"ambiguity": str(self.ambiguity), "value": self.value._asdict()}
+        return values | {"paths": self.routes}
+
+    def _text(self, what: str, measure: str, chosen: str) -> str:
+        """Description of a mixture of `what`, whose `measure` is valued, with a text of weights."""
+        low, high = self.value
+        bound = f"no mixture can exceed {rounded_up(high):.4f}" if high < 1 else "not certified"
+        cases = ", ".join(f"{s:.4f}" for s in self.survival)
+        priors = ", ".join(f"{q:.3f}" for q in self.worst_prior)
+        single = what.split(" ", 1)[1].removesuffix("s")
+        return (
+            f"mixture of {what} for {self.ambiguity}: {measure} {low:.4f} ({bound})\n"
+            f"best single {single} found {self.pure_value:.4f}, with the case known "
+            f"{self.known_value:.4f}\n"
+            f"weights: {chosen}\n{measure} by case: {cases}; worst prior: {priors}"
+            + (f"\n{self.note}" if self.note else "")
+        )
+
+
+def of_game(
+    ambiguity: Ambiguity, table: FloatArray, prior: FloatArray
+) -> tuple[list[int], dict[str, Any]]:
+    """The best mixture of a table (R, K), as rows of it and the fields of a `Mixture` but `known`.
+
+    The value is not bounded above.
+    """
+    weights, worst = ambiguity.game(table, prior)
+    rows = [int(row) for row in np.argsort(-weights, kind="stable") if weights[row] > SUPPORT]
+    kept = weights[rows] / weights[rows].sum()
+    return rows, {
+        "weights": kept,
+        "survivals": table[rows],
+        "prior": prior,
+        "ambiguity": ambiguity,
+        "value": Interval(ambiguity.least(kept @ table[rows], prior), 1.0),
+        "worst_prior": worst,
+        "pure_value": max(ambiguity.least(row, prior) for row in table),
+    }

@@ -52,12 +52,16 @@ def cases_of(scenario: Scenario) -> tuple[Case, ...]:
 
 
 def weighted(scenario: Scenario, weights: ArrayLike) -> HazardTable:
-    """Hazard with other weights (K,) of its K distinct cases."""
+    """Hazard with other weights (K,) of its K distinct cases, without those of weight 0."""
     table = scenario.hazard_table
+    possible = np.flatnonzero(weights)
+    if len(possible) == 1:
+        return scenario.cases[possible[0]].scenario.hazard_table
     own = dict(zip(reversed(table.cases), reversed(table.case), strict=True))
     cases = tuple(
         own[case.scenario.hazard_table].model_copy(update={"weight": float(weight)})
         for case, weight in zip(scenario.cases, np.asarray(weights, float), strict=True)
+        if weight > 0
     )
     return table.model_copy(update={"case": cases})
 

@@ -17,6 +17,7 @@ from ..chain.monte_carlo import Runs, RunTrajectory
 from ..chain.transition import COUNTS
 from ..guide.guide import Guide
 from ..guide.mixture import MixedGuide
+from ..joint import MixedPlan
 from ..joint.swarm_plan import SwarmPlan
 from ..typing import FloatArray
 
@@ -267,8 +268,9 @@ def summary_texts(summary: pd.DataFrame) -> pd.DataFrame:
     `count_notes` has the counts.
     """
     return pd.DataFrame(
-        {
-            "policy": str(row["policy"]),
+        {"policy": str(row["policy"])}
+        | ({"case": str(row["case"])} if "case" in row else {})
+        | {
             "runs": f"{row['runs']}",
             "success": success_text(row),
             "95 % interval": f"{row['success_low']:.4f} to {row['success_high']:.4f}",
@@ -408,20 +410,24 @@ def path_table(kinds: Mapping[str, Mapping[str, FloatArray]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["kind", "name", "step", "x", "y"])
 
 
-def mixture_table(mixed: MixedGuide) -> pd.DataFrame:
-    """Paths of a mixture, a row each: weight, arrival, and survival_k in every case k.
+def mixture_table(mixed: MixedGuide | MixedPlan) -> pd.DataFrame:
+    """Paths, or joint plans, of a mixture, a row each: weight, last step, survival_k in case k.
 
-    The last row is of the mixture.
+    The last row is of the mixture. Of joint plans, success is in place of survival, and the last
+    step in place of the arrival.
     """
-    survivals = mixed.survivals
+    names = ("path", "arrival", "survival")
+    if isinstance(mixed, MixedPlan):
+        names = ("plan", "last_step", "success")
+    what, last, measure = names
     rows: list[dict[str, Any]] = [
-        {"path": f"path {k}", "weight": weight, "arrival": path.arrival}
-        for k, (path, weight) in enumerate(zip(mixed.paths, mixed.weights, strict=True))
+        {what: f"{what} {k}", "weight": weight, last: len(route) - 1}
+        for k, (route, weight) in enumerate(zip(mixed.routes, mixed.weights, strict=True))
     ]
-    rows.append({"path": "mixture", "weight": 1.0, "arrival": None})
-    for row, values in zip(rows, [*survivals, mixed.survival], strict=True):
-        row |= {f"survival_{k}": float(value) for k, value in enumerate(values)}
-    return pd.DataFrame(rows).astype({"arrival": "Int64"})
+    rows.append({what: "mixture", "weight": 1.0, last: None})
+    for row, values in zip(rows, [*mixed.survivals, mixed.survival], strict=True):
+        row |= {f"{measure}_{k}": float(value) for k, value in enumerate(values)}
+    return pd.DataFrame(rows).astype({last: "Int64"})
 
 
 def guide_comparison_table(guides: Mapping[str, Guide]) -> pd.DataFrame:
@@ -463,6 +469,12 @@ def joint_table(plan: SwarmPlan) -> pd.DataFrame:
             "survival": survival.ravel(),
         }
     )
+
+
+def stacked(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """The rows of several tables, the last column first."""
+    table = pd.concat(tables, ignore_index=True)
+    return table[[table.columns[-1], *table.columns[:-1]]]
 
 
 def outcome_table(plan: SwarmPlan) -> pd.DataFrame:
