@@ -43,6 +43,7 @@ from .studies.evaluation import (
     optimal_value,
     success_gradient,
 )
+from .studies.information import value_of_information
 from .studies.posed_problems import formation_problems, guide_problems
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
@@ -138,4 +139,5 @@ __all__ = [
     "success_gradient",
     "sweep",
     "train",
+    "value_of_information",
 ]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 _WORDS = 4  # numbers a Philox counter yields
-_STEP_BITS = 56  # of the word of the key that holds purpose and step
+STEP_BITS = 56  # of the word of the key that holds purpose and step
 
 # Philox-4x64-10 as in Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3",
 # SC11, 2011, section 3.3, with the counter and the conversion to doubles of NumPy's Philox
@@ -74,7 +74,7 @@ def uniforms(
     ndarray, shape (runs, members)
     """
     blocks = -(-members // _WORDS)
-    key = np.array([seed, purpose << _STEP_BITS | step], np.uint64)
+    key = np.array([seed, purpose << STEP_BITS | step], np.uint64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=first * blocks))
     return generator.random((runs, blocks * _WORDS))[:, :members]
 
@@ -130,12 +130,15 @@ class RunTrajectory:
         Index of the leader from step t to t + 1, -1 where the policy has no leader.
     believed : (T+1, n) bool, optional
         Members that are not known to be lost; those alive if losses are known at once.
+    case : int, optional
+        The true case of a hazard that is not known.
     """
 
     positions: FloatArray
     alive: BoolArray
     leaders: IntArray
     believed: BoolArray | None = None
+    case: int | None = None
 
     @property
     def ghosts(self) -> BoolArray:
@@ -164,6 +167,7 @@ class TrajectoryRecorder:
         self.runs = len(states)
         self.positions, self.alive = [states.positions], [states.alive]
         self.believed = None if states.late is None else [states.believed]
+        self.case = states.case
         self.leaders: list[IntArray] = []
 
     def record(
@@ -208,6 +212,7 @@ class TrajectoryRecorder:
                 alive[k, : end + 1],
                 leaders[k, :end],
                 None if believed is None else believed[k, : end + 1],
+                None if self.case is None else int(self.case[k]),
             )
             for k, end in enumerate(steps[: self.runs])
         )
@@ -245,6 +250,8 @@ class Runs:
             arrays |= {f"{name}-{k}": getattr(trajectory, name) for name in _TRAJECTORY_ARRAYS}
             if trajectory.believed is not None:
                 arrays[f"believed-{k}"] = trajectory.believed
+            if trajectory.case is not None:
+                arrays[f"case-{k}"] = np.array(trajectory.case)
         return arrays
 
     @classmethod
@@ -270,6 +277,7 @@ class Runs:
                 RunTrajectory(
                     **{name: arrays[f"{name}-{k}"] for name in _TRAJECTORY_ARRAYS},
                     believed=arrays.get(f"believed-{k}"),
+                    case=int(arrays[f"case-{k}"]) if f"case-{k}" in arrays else None,
                 )
                 for k in range(number)
             ),

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._util.numbers import SPEED_TOL, require_seed
 from .._util.text import shown
 from ..bounds import PotentialFamily
+from ..chain.monte_carlo import STEP_BITS, Purpose, drawn_cases, write_uniforms
 from ..chain.transition import SATURATION_TOL
 from ..compiled.kernels import contiguous
 from ..errors import EnvError
@@ -33,13 +34,14 @@ from ..grid import Relaxation
 from ..guide.agent import initial_velocities
 from ..guide.guide import Guide
 from ..guide.plan import plan
+from ..hazard import Hazard
 from ..hazard.compiled_rates import CompiledRates, compiled_rates
 from ..motion.planar_kernels import WIDTH
 from ..motion.step import Motion
 from ..policies.observation import Observation
 from ..scenario import Scenario, load_scenario
 from ..scenario.variations import require_default
-from ..typing import BoolArray, FloatArray
+from ..typing import BoolArray, FloatArray, IntArray
 from . import step_kernels
 from .step_kernels import RiskTable
 
@@ -50,6 +52,7 @@ MAX_NODES = 250_000
 @lru_cache(maxsize=16)
 def risk_table(scenario: Scenario) -> RiskTable:
     """Table of the risk to go of a scenario whose hazard has bounds of its rates."""
+    scenario = scenario.believed  # any potential leaves the best policies as they are
     task = Relaxation.from_scenario(scenario)
     if not task.bounded:
         raise EnvError(
@@ -75,7 +78,7 @@ class SwarmBatch:
     The run k of a seed sees the random numbers of the run k of `casswarm.simulate` with this seed.
     Parameters are those of `SwarmVectorEnv`. `swarms` are the states, `moves` and `ends` how they
     moved last, and how their last step ended; `potentials` (B,) are those of the states, zeros
-    without shaping.
+    without shaping; `cases` (B,) the true cases of a hazard that is not known, drawn by the prior.
     """
 
     def __init__(
@@ -106,7 +109,7 @@ class SwarmBatch:
             require_default(self.scenario, key, "casswarm.envs")
         self.size, self.discount = int(size), discount
         if guide is None and observe_guide:
-            guide = plan(self.scenario, certify=False)
+            guide = plan(self.scenario.believed, certify=False)
         observed = guide if observe_guide else None
         self.observation = Observation.from_scenario(
             self.scenario, dtype, guide=observed, preview=radar_preview
@@ -134,11 +137,14 @@ class SwarmBatch:
             success=np.zeros(self.size, bool), ended=np.ones(self.size, bool), survivors=counts[1]
         )
         self.potentials: FloatArray = np.zeros(self.size)
+        self.cases: IntArray = np.zeros(self.size, np.int64)
         self._work = np.empty((1, WIDTH)), np.empty(n)
 
     @cached_property
-    def _rates(self) -> CompiledRates | None:
-        return compiled_rates(self.scenario.hazard, self.scenario.n)
+    def _rates(self) -> list[tuple[Hazard, CompiledRates | None]]:
+        """The hazard of every case, and its compiled rates if it has any."""
+        hazards = [case.scenario.hazard for case in self.scenario.cases]
+        return [(hazard, compiled_rates(hazard, self.scenario.n)) for hazard in hazards]
 
     @cached_property
     def _limits(self) -> step_kernels.Limits:
@@ -172,7 +178,18 @@ class SwarmBatch:
         swarms.alive[which], swarms.late[which], swarms.steps[which] = True, 0, 0
         self.ends.success[which], self.ends.ended[which] = False, False
         self.ends.survivors[which], self.moves.saturated[which] = self.scenario.n, 0
+        if len(self.scenario.cases) > 1:
+            self.cases[which] = drawn_cases(self.scenario, self._case_draws(which))
         self._write_potentials()
+
+    def _case_draws(self, which: IntArray) -> FloatArray:
+        """Uniform numbers that draw the true cases of runs, as in a simulation."""
+        draws, key = np.empty((len(which), 1)), np.uint64(Purpose.CASES << STEP_BITS)
+        for draw, seed, run in zip(
+            draws, self.swarms.seeds[which], self.swarms.runs[which], strict=True
+        ):
+            write_uniforms(seed, key, run, draw)
+        return draws[:, 0]
 
     @property
     def believed(self) -> BoolArray:
@@ -219,12 +236,20 @@ class SwarmBatch:
 
     def _write_rates(self, active: BoolArray) -> None:
         """Write the rates where the active swarms move."""
-        moves, swarms, hazard = self.moves, self.swarms, self.scenario.hazard
+        for case in range(len(self._rates)):
+            self._write_rates_of(case, active & (self.cases == case))
+
+    def _write_rates_of(self, case: int, active: BoolArray) -> None:
+        """Write the rates of a case of the hazard."""
+        moves, swarms, (hazard, compiled) = self.moves, self.swarms, self._rates[case]
         if not hazard.changes:
-            if self._rates is None or not self._rates(moves.positions, swarms.alive, moves.rates):
+            alone = len(self._rates) == 1
+            rates = moves.rates if alone else np.empty_like(moves.rates)
+            if compiled is None or not compiled(moves.positions, swarms.alive, rates):
                 # these rates are checked
-                rates = hazard.rates(moves.positions[active], swarms.alive[active])
-                moves.rates[active] = rates
+                rates[active] = hazard.rates(moves.positions[active], swarms.alive[active])
+            if not alone:
+                moves.rates[active] = rates[active]
             return
         for step in np.unique(swarms.steps[active]):
             rows = active & (swarms.steps == step)
@@ -277,4 +302,4 @@ class SwarmBatch:
 def _initial_velocities(scenario: Scenario, guide: Guide | None) -> FloatArray:
     if scenario.swarm.velocity != "guide":
         return np.tile(np.asarray(scenario.swarm.velocity, float), (scenario.n, 1))
-    return initial_velocities(scenario, guide or plan(scenario, certify=False))
+    return initial_velocities(scenario, guide or plan(scenario.believed, certify=False))

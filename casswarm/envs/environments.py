@@ -217,6 +217,8 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             "success": ends.success.copy(),
             "saturated": self.batch.moves.saturated.copy(),
         }
+        if len(self.scenario.cases) > 1:
+            values["case"] = self.batch.cases.copy()
         return values | {f"_{name}": rows.copy() for name in values}
 
 

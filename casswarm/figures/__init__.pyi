@@ -17,6 +17,7 @@ from .paper import convergence_chart, infeasible_chart, sensitivity_chart, table
 from .success import (
     arrival_chart,
     difference_chart,
+    information_chart,
     mpc_chart,
     population_chart,
     success_chart,
@@ -38,6 +39,7 @@ __all__ = [
     "gap_chart",
     "guide_map",
     "infeasible_chart",
+    "information_chart",
     "joint_map",
     "mixture_map",
     "mpc_chart",

@@ -451,7 +451,8 @@ def _add_ghost_paths(axes: Axes, trajectory: RunTrajectory) -> None:
 def ending(trajectory: RunTrajectory) -> str:
     """How a run ends, in words."""
     steps, alive = counted(len(trajectory.alive) - 1, "step"), trajectory.alive[-1]
-    return f"{int(alive.sum())} of {len(alive)} alive after {steps}"
+    where = "" if trajectory.case is None else f", case {trajectory.case}"
+    return f"{int(alive.sum())} of {len(alive)} alive after {steps}{where}"
 
 
 @themed

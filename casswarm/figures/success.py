@@ -215,6 +215,24 @@ def success_chart(
     return fig
 
 
+@themed
+def information_chart(
+    table: pd.DataFrame, title: str | None = "", *, ax: AxesLike | None = None
+) -> Figure:
+    """Success by what members know of the hazard, a panel each.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `casswarm.value_of_information`.
+    title, ax
+        As in all `casswarm.figures`.
+    """
+    panels = table.rename(columns={"information": "scenario"})
+    panels["scenario"] = "members know the " + panels["scenario"]
+    return success_chart(panels, heading(title, "success by what members know"), ax=ax)
+
+
 def _bars(axes: Axes, rows: pd.DataFrame, policies: list[str], values: bool) -> None:
     """Draw a bar and an interval per policy, with their values on the right if asked for."""
     styles, names = policy_styles(policies), list(map(str, rows["policy"]))

@@ -548,7 +548,7 @@ def _require_few(scenario: Scenario) -> None:
     if scenario.n > MAX_EXACT:
         for key in ("success.arrivals", "swarm.kind"):
             require_default(scenario, key, f"a joint plan of more than {MAX_EXACT} members")
-        require_known(scenario)
+        require_known(scenario, f"a joint plan of more than {MAX_EXACT} members")
     if scenario.n > MANY:
         LOG.warning(
             "a joint plan of %d members takes minutes (50 take about 2, 100 about 8); time_limit "

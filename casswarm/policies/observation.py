@@ -145,7 +145,7 @@ class Observation:
             center=scenario.target.center,
             length=float(max(distances.max(), scenario.target.radius)),
             v_max=v_max,
-            radars=_observed_radars(scenario.hazard, scenario.n_steps, int(preview)),
+            radars=_observed_radars(scenario.believed.hazard, scenario.n_steps, int(preview)),
             starts=scenario.positions,
             reach=scenario.n_steps * scenario.time.dt * v_max,
             dtype=name,

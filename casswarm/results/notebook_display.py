@@ -33,6 +33,8 @@ from ..figures.maps import add_start, base_map
 from ..figures.success import kind_of_success
 from ..guide.guide import Guide
 from ..guide.mixture import MixedGuide
+from ..joint import MixedPlan
+from ..scenario.ambiguity import Mixture
 from ..joint import SwarmPlan
 from ..scenario import Scenario
 from ..scenario.cases import radars_text
@@ -117,25 +119,37 @@ def _(result: Guide) -> View:
 
 @view.register
 def _(result: MixedGuide) -> View:
+    return _mixture_view(result, "guide", "survival")
+
+
+@view.register
+def _(result: MixedPlan) -> View:
+    return _mixture_view(result, "joint plan", "success")
+
+
+def _mixture_view(result: Mixture, what: str, measure: str) -> View:
     low, high = result.value
     values = {
         "ambiguity": str(result.ambiguity),
-        "survival": f"{low:.4f}",
-        "survival bound": "not certified" if high == 1 else f"{rounded_up(high):.4f}",
-        "best single guide": f"{result.pure_value:.4f}",
+        measure: f"{low:.4f}",
+        f"{measure} bound": "not certified" if high == 1 else f"{rounded_up(high):.4f}",
+        f"best single {what}": f"{result.pure_value:.4f}",
         "with the case known": f"{result.known_value:.4f}",
     }
 
     def picture(scenario: Scenario | None, **options: Any) -> Figure:
         if scenario is not None:
             return mixture_map(scenario, result, **options)
-        paths = [path.positions for path in result.paths]
-        last = max(map(len, paths))
-        padded = [np.vstack([p, np.repeat(p[-1:], last - len(p), axis=0)]) for p in paths]
-        labels = [f"path with probability {weight:.3f}" for weight in result.weights]
-        return _path_map(np.stack(padded, axis=1), labels, **options)
+        last = max(map(len, result.routes))
+        padded = [np.concatenate([p, np.repeat(p[-1:], last - len(p), 0)]) for p in result.routes]
+        labels = [
+            f"{what} with probability {weight:.3f}" + (f", member {member}" if route.shape[1] > 1 else "")
+            for route, weight in zip(result.routes, result.weights, strict=True)
+            for member in range(route.shape[1])
+        ]
+        return _path_map(np.concatenate(padded, axis=1), labels, **options)
 
-    return View(f"Mixture of {counted(len(result.paths), 'guide')}", values, picture, result.note)
+    return View(f"Mixture of {counted(len(result.weights), what)}", values, picture, result.note)
 
 
 @view.register

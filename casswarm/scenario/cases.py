@@ -66,13 +66,14 @@ def weighted(scenario: Scenario, weights: ArrayLike) -> HazardTable:
     return table.model_copy(update={"case": cases})
 
 
-def require_known(scenario: Scenario) -> None:
-    """Raise ScenarioError for a scenario with several cases."""
+def require_known(scenario: Scenario, part: str = "this") -> None:
+    """Raise ScenarioError for a scenario with several cases, which a part does not treat."""
     if (count := len(scenario.cases)) > 1:
         raise ScenarioError(
-            f"scenario '{scenario.name}' has {count} cases of its hazard (hazard.case), and this "
-            "treats only a hazard that is known: take one of them, scenario.cases[k].scenario, or "
-            "plan a mixture of guides with ambiguity= (casswarm plan --ambiguity)",
+            f"scenario '{scenario.name}' has {count} cases of its hazard (hazard.case), and {part} "
+            "treats only a hazard that is known: take one of them, scenario.cases[k].scenario, "
+            "their mean rates, scenario.believed, or plan a mixture of guides with ambiguity= "
+            "(casswarm plan --ambiguity)",
             key="hazard.case",
             value=count,
         )

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 from typing_extensions import Unpack
 
@@ -35,7 +36,6 @@ from ..guide.plan import plan
 from ..policies import make_policy
 from ..policies.parametric import ParametricPolicy
 from ..policies.user import repeated
-from ..scenario.cases import require_known
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import FloatArray, Interval
@@ -433,7 +433,6 @@ def success_gradient(
             "scenario)",
             policy=type(policy).__name__,
         )
-    require_known(scenario)
     _require_fit(scenario, policy)
     given = plain if tolerance is None else {**plain, "tolerance": tolerance}
     values = given_values("success_gradient", accuracy, plain=given, **EXACT)
@@ -449,14 +448,23 @@ def success_gradient(
         policy = policy.with_parameters(parameters)
     posed = PosedStudy.of(scenario, [policy], guide)
     options = replace(options, lattice=posed.lattice(aggregation_tol))
-    expansion = StateSpaceExpansion(scenario, repeated(policy), posed.velocities, options)
-    objective, low, gradient, residual = success_and_gradient(expansion, policy, arrival_smoothing)
+    expansions = [
+        StateSpaceExpansion(case.scenario, repeated(policy), posed.velocities, options)
+        for case in scenario.cases
+    ]
+    parts = [success_and_gradient(each, policy, arrival_smoothing) for each in expansions]
+    means = parts[0]
+    if len(parts) > 1:  # all are linear in the prior
+        weights = [case.weight for case in scenario.cases]
+        columns = zip(*parts, strict=True)
+        means = tuple(np.tensordot(weights, np.array(each), 1) for each in columns)
+    objective, low, gradient, residual = means
     found = SuccessGradient(
-        success=Interval(low, min(1.0, low + residual)),
-        objective=objective,
+        success=Interval(float(low), min(1.0, float(low + residual))),
+        objective=float(objective),
         gradient=gradient,
-        residual_mass=residual,
-        states=expansion.solved,
+        residual_mass=float(residual),
+        states=sum(each.solved for each in expansions),
         tolerance=options.tolerance,
     )
     if not found.complete:

@@ -25,8 +25,8 @@ from ..typing import FloatArray
 def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.DataFrame:
     """Trajectories of saved runs: a row per policy, run, step and member.
 
-    Columns: policy, run, step, member, x, y, alive, leads (from this step to the next), and where
-    news are late, ghost (lost, and not known to be).
+    Columns: policy, run, step, member, x, y, alive, leads (from this step to the next); where
+    news are late, ghost (lost, and not known to be); of a hazard that is not known, its true case.
     """
     parts = []
     for policy, saved in trajectories.items():
@@ -45,6 +45,8 @@ def trajectory_table(trajectories: Mapping[str, Sequence[RunTrajectory]]) -> pd.
             }
             if trajectory.believed is not None:
                 columns["ghost"] = trajectory.ghosts.ravel()
+            if trajectory.case is not None:
+                columns["case"] = trajectory.case
             parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 

@@ -130,7 +130,7 @@ def train(
         raise ValueError(f"method = {shown(method)}; allowed: {', '.join(METHODS)}")
     _require_stages(stages)
     if guide is None and scenario.swarm.velocity == "guide":
-        guide = plan(scenario, certify=False)
+        guide = plan(scenario.believed, certify=False)
     rows: list[tuple[int, float, float]] = []
     messages = []
     for stage, (radii, tolerance, iterations) in enumerate(stages):

@@ -26,9 +26,19 @@ NEAR_RADARS = np.array([6.0, 2.5])
 
 
 def posed(
-    name: str, n: int, objective: str, separated: bool, seed: int, differ: bool = False
+    name: str,
+    n: int,
+    objective: str,
+    separated: bool,
+    seed: int,
+    differ: bool = False,
+    cases: int = 1,
 ) -> tuple[Nlp, Instances]:
-    """Two instances of n members of a scenario, which may differ, at random velocities."""
+    """Two instances of n members of a scenario, which may differ, at random velocities.
+
+    With several cases, the hazard is not known: their strengths differ, and where radars are at
+    rest their positions do.
+    """
     rng = np.random.default_rng(seed)
     near = {
         "swarm.positions": (NEAR_RADARS + rng.uniform(-0.6, 0.6, (n, 2))).tolist(),
@@ -41,9 +51,19 @@ def posed(
         tables = {str(k): dict(zip(names, kind, strict=True)) for k, kind in enumerate(kinds)}
         near |= {"swarm.kind": list(tables), "swarm.kinds": tables}
     scenario = csw.load_scenario(name).with_values(near)
-    first = 2 if scenario.hazard.changes else 0
+    if cases > 1:
+        table = scenario.hazard_table
+        others: list[dict[str, object]] = [
+            {"alpha_1": float(rng.uniform(1.0, 6.0)), "weight": float(rng.uniform(0.1, 1.0))}
+            for _ in range(cases)
+        ]
+        for other in others if table.radars else ():
+            other["radars"] = (np.array(table.radars) + rng.normal(0, 0.3, 2)).tolist()
+        scenario = scenario.with_values({"hazard.case": others})
+    hazards = tuple(case.scenario.hazard for case in scenario.cases)
+    first = 2 if hazards[0].changes else 0
     form = JointForm(n, STEPS, True, objective, separated, first)
-    nlp = joint_program(scenario.hazard, form)
+    nlp = joint_program(hazards if cases > 1 else hazards[0], form)
     task = JointTask.from_scenario(scenario, rng.normal(size=(n, 2)), 0.1 * separated)
     arrivals = [rng.integers(3, STEPS + 1, n), np.full(n, STEPS - 1)]
     guesses = [rng.uniform(-0.5, 1.5, (STEPS, n, 2)) for _ in arrivals]
@@ -74,12 +94,13 @@ def casadis(nlp: Nlp, batch: Instances) -> FunctionLinearisation:
     n=st.integers(1, 4),
     separated=st.booleans(),
     differ=st.booleans(),
+    cases=st.integers(1, 3),
     seed=st.integers(0, 2**32 - 1),
 )
 def test_values_and_derivatives_equal_casadis(
-    name: str, objective: str, n: int, separated: bool, differ: bool, seed: int
+    name: str, objective: str, n: int, separated: bool, differ: bool, cases: int, seed: int
 ) -> None:
-    nlp, batch = posed(name, n, objective, separated, seed, differ)
+    nlp, batch = posed(name, n, objective, separated, seed, differ, cases)
     assert nlp.attached(NumericDerivatives) is not None
     compiled = numeric_problems(nlp, batch.p)
     rows, rng = np.arange(len(batch)), np.random.default_rng(seed)

@@ -20,6 +20,9 @@ RESULTS = {
     "Scenario": lambda scenario, guide: scenario,
     "Guide": lambda scenario, guide: guide,
     "MixedGuide": lambda scenario, guide: csw.plan(scenario, ambiguity="mean", certify=False),
+    "MixedPlan": lambda scenario, guide: csw.plan_swarm(
+        scenario, guide=guide, ambiguity="mean", certify=False, time_limit=1.0
+    ),
     "SwarmPlan": lambda scenario, guide: csw.plan_swarm(scenario, guide=guide, time_limit=1.0),
     "Study": lambda scenario, guide: csw.simulate(scenario, ["naive", "leader"], 20, guide=guide),
     "OutcomeDistribution": lambda scenario, guide: csw.evaluate(
@@ -35,6 +38,7 @@ WORDS = {
     "Scenario": "5",
     "Guide": "not certified",
     "MixedGuide": "not certified",
+    "MixedPlan": "best single joint plan",
     "SwarmPlan": "success",
     "Study": "leader",
     "OutcomeDistribution": " to ",

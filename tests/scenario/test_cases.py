@@ -83,25 +83,15 @@ def test_wrong_cases_are_refused(cases, message) -> None:
     "use",
     [
         csw.plan,
-        csw.plan_swarm,
-        csw.simulate,
-        lambda s: csw.evaluate(s, "leader"),
-        lambda s: csw.estimate(s, "leader", 10),
-        csw.success_bound,
         csw.optimal_value,
         csw.ValueFunction.from_scenario,
         csw.explore,
-        lambda s: csw.formation_problems(s, "leader"),
-        lambda s: csw.sweep(s, {"formation.rho": [0.1]}, "leader").table["reason"].map(_raise),
+        csw.guide_problems,
     ],
 )
 def test_parts_for_a_known_hazard_refuse_it_by_name(use) -> None:
     with pytest.raises(csw.CasswarmError, match=r"2 cases of its\s+hazard \(hazard\.case\)"):
         use(TWO)
-
-
-def _raise(reason: str) -> None:
-    raise csw.CasswarmError(reason)
 
 
 def test_only_case_has_the_numbers_of_a_known_hazard() -> None:
@@ -115,3 +105,18 @@ def test_zero_weight_is_a_case_that_is_possible_only() -> None:
     possible = TWO.with_values({"hazard.case": [LEFT, RIGHT | {"weight": 0.0}]})
     assert [case.weight for case in possible.cases] == [1.0, 0.0]
     assert colliding(possible).cases[1].scenario.hazard_table.beta_1 == 0.2
+
+
+def test_other_prior_keeps_the_cases_that_are_possible() -> None:
+    other = TWO.with_prior([1.0, 3.0])
+    assert [case.weight for case in other.cases] == [0.25, 0.75]
+    assert [case.scenario for case in other.cases] == [case.scenario for case in TWO.cases]
+    assert TWO.with_prior([0.0, 1.0]) == TWO.cases[1].scenario
+    assert BASE.with_prior([0.3]) is BASE
+    three = TWO.with_values({"hazard.case": [LEFT, RIGHT, LEFT]}).with_prior([0.5, 0.5])
+    assert [case.weight for case in three.cases] == [0.5, 0.5]
+
+
+def test_believed_rates_are_those_of_the_prior() -> None:
+    assert BASE.believed is BASE
+    assert TWO.believed.hazard == TWO.of_mean_rates([0.75, 0.25]).hazard
