@@ -1,4 +1,4 @@
-"""Claim about hazards that are not known: both ends of the value of a mixture hold."""
+"""Claims about hazards that are not known: both ends of mixtures' values, and laws of swarms."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 from _attack_bounds import random_paths
-from _attack_model import Rates, shortened
+from _attack_model import Rates, enumerate_chain, shortened
 from _attack_records import Check, Skip
-from _attack_scenarios import Rng, draw, in_time
+from _attack_scenarios import Rng, draw, in_time, policies
+from scipy.stats import binom
 
 import casswarm as csw
+from casswarm.guide.agent import initial_velocities
 
 _SPEED = 1 + 1e-12
-_PRIORS, _CLIMBS = 2000, 400
+_PRIORS, _CLIMBS, _RUNS = 2000, 400, 2000
 
 
 def mixtures(rng: Rng) -> Iterator[Check]:
@@ -39,6 +41,42 @@ def mixtures(rng: Rng) -> Iterator[Check]:
     detail = f"{ambiguity}: a path of {best!r} against {mixed.worst_prior}, {high!r}"
     yield Check("mixtures, upper end", best - high, 1e-12, detail)
     yield Check("mixtures, order", low - high, 0.0, f"{low!r} > {high!r}")
+
+
+def cases(rng: Rng) -> Iterator[Check]:
+    """Claim 12: laws of swarms are those of the cases, sampled alike, and below the bounds.
+
+    The law of every case is enumerated from the equations; the posterior is computed here again.
+    """
+    scenario = in_time(rng, draw(rng, members=(1, 3), steps=(1, 4)))
+    plain = {"target.other": None, "swarm.kind": None, "swarm.kinds": None, "swarm.speed": "box"}
+    scenario = _with_cases(rng, scenario.with_values(plain | {"time.substeps": 1}))
+    scenario = scenario.replace(formation={"belief": str(rng.choice(["prior", "bayes"]))})
+    guide = csw.plan(scenario.believed, certify=False)
+    name = str(rng.choice([*policies(scenario, 2), "joint"]))
+    policy = csw.make_policy(name, scenario, guide)
+    exact = csw.evaluate(scenario, policy, 0.0, guide=guide, aggregation_tol=0.0)
+    velocities = initial_velocities(scenario, guide)
+    laws = exact.cases or ((1.0, exact),)
+    for (_, law), case in zip(laws, scenario.cases, strict=True):
+        if not policy.weighs_cases:
+            truth = enumerate_chain(case.scenario, policy, velocities)
+            error = float(np.abs(law.arrival - truth.arrival).max())
+            yield Check("cases, law", error, 1e-9, f"{name}: {law.arrival} is not {truth.arrival}")
+    mean = sum(weight * law.arrival for weight, law in laws)
+    yield Check("cases, prior", float(np.abs(mean - exact.arrival).max()), 1e-12, name)
+    study = csw.simulate(scenario, policy, _RUNS, int(rng.integers(1 << 30)), guide=guide)
+    successes, success = int(study.summary["successes"][0]), exact.success.low
+    few = binom.cdf(successes, _RUNS, min(1.0, success + 1e-9))
+    many = binom.sf(successes - 1, _RUNS, max(0.0, success - 1e-9))
+    detail = f"{name}, {scenario.formation.belief}: {successes} of {_RUNS}, probability {success}"
+    yield Check("cases, sampling", -float(min(few, many)), -1e-7, detail)
+    ambiguity = _ambiguity(rng)
+    prior = np.array([case.weight for case in scenario.cases])
+    bound = csw.success_bound(scenario, 20_000, max_work=1e5, ambiguity=ambiguity).value
+    each = np.array([law.success.low for _, law in laws])
+    worst = min(float(q @ each) for q in _priors(rng, ambiguity, prior))
+    yield Check("cases, bound", worst - bound, 1e-12, f"{name}, {ambiguity}: {worst!r}, {bound!r}")
 
 
 def _with_cases(rng: Rng, scenario: csw.Scenario) -> csw.Scenario:

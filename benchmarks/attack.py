@@ -26,7 +26,7 @@ import numpy as np
 from _attack_bounds import joint, risk, success
 from _attack_chain import enumeration, intervals, limits, sampling
 from _attack_images import files, images
-from _attack_mixtures import mixtures
+from _attack_mixtures import cases, mixtures
 from _attack_records import Check, Record, Skip, Trial
 from _attack_scenarios import Rng
 from _attack_solver import solver
@@ -46,6 +46,7 @@ CLAIMS: dict[str, Callable[[Rng], Iterator[Check] | Iterator[Trial]]] = {
     "images": images,
     "joint": joint,
     "mixtures": mixtures,
+    "cases": cases,
     "files": files,
 }
 

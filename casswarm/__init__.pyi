@@ -29,21 +29,20 @@ from .guide.mixture import MixedGuide
 from .guide.plan import plan, plan_baseline
 from .hazard import CustomHazard, Hazard, KernelHazard, Saturation, SaturationCollision
 from .infeasibility import Explanation, explain
-from .joint import MixedPlan, SwarmOutcome, SwarmPlan, plan_swarm
+from .joint import MixedPlan, SwarmOutcome, SwarmPlan, plan_swarm, plan_swarm_mixture
 from .nlp.program import Instances, Nlp
 from .nlp.solution import BatchSolution, Residuals, Solution, Status
 from .policies import Decision, ParametricPolicy, Policy, as_policy, make_policy
 from .scenario import Scenario, builtin_scenarios, load_scenario, save_scenario
 from .solvers import FilterInteriorPoint, Solver, make_solver
 from .studies.evaluation import (
-    OptimalValue,
     SuccessGradient,
     estimate,
     evaluate,
-    optimal_value,
     success_gradient,
 )
 from .studies.information import value_of_information
+from .studies.optimum import OptimalValue, optimal_value
 from .studies.posed_problems import formation_problems, guide_problems
 from .studies.simulation import Study, runs_needed, simulate
 from .studies.sweep import Sweep, sweep
@@ -130,6 +129,7 @@ __all__ = [
     "plan",
     "plan_baseline",
     "plan_swarm",
+    "plan_swarm_mixture",
     "read_problems",
     "runs_needed",
     "save_scenario",

@@ -39,6 +39,16 @@ class EstimateOptions:
     seed: int = seed_option()
 
 
+@dataclass(frozen=True)
+class InformationOptions:
+    """Option of comparing what members know."""
+
+    information: bool = option(
+        "For a hazard that is not known (hazard.case), also compare members that know its prior, "
+        "its posterior given who has survived, and its true case: information.csv and a figure."
+    )
+
+
 @click.command()
 @options
 def evaluate(
@@ -46,6 +56,7 @@ def evaluate(
     policies: PolicyOptions,
     exact: ExactOptions,
     sampling: EstimateOptions,
+    unknown: InformationOptions,
 ) -> None:
     """Compute success probabilities exactly.
 
@@ -62,6 +73,7 @@ def evaluate(
       casswarm evaluate paper-2 --policy leader --tolerance 1e-4
       casswarm evaluate paper-1 --tolerance 1e-6 --aggregation-tol 1e-6
       casswarm evaluate large-swarm --policy leader --runs 2000
+      casswarm evaluate two-gaps --policy leader --policy joint --information
     """
     if sampling.runs is None:
         refuse("nothing is sampled without --runs", "seed")
@@ -88,6 +100,13 @@ def evaluate(
                 )
                 distributions.append(estimates[-1].enumerated)
         result = _write_tables(folder, distributions, estimates)
+        compared = ""
+        if unknown.information:
+            job.say("comparing what members know")
+            del shared["guide"]
+            known = csw.value_of_information(chosen, chosen_policies, **shared)
+            folder.write_tables(information=known)
+            compared = f"\n\n{aligned_table(_information_texts(known))}"
         bound = job.attempt("the success bound", partial(csw.success_bound, chosen))
         result["success_bound"] = None if bound is None else bound.as_dict()
         folder.write_record(
@@ -95,7 +114,19 @@ def evaluate(
         )
         job.draw()
         text = "\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)
+        text += compared
         job.finish(text if bound is None else f"{text}\n\n{bound}")
+
+
+def _information_texts(table: Any) -> list[dict[str, str]]:
+    return [
+        {
+            "policy": str(row["policy"]),
+            "members know the": str(row["information"]),
+            "success, bounds": f"{row['success_low']:.6f} to {row['success_high']:.6f}",
+        }
+        for row in table.to_dict("records")
+    ]
 
 
 def _write_tables(

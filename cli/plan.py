@@ -194,6 +194,11 @@ class SolveOptions:
     )
     with_map: bool = option("Also plot the cost-to-go map.", "--map")
     ambiguity: Any = ambiguity_option("guides")
+    objective: Literal["survival", "risk"] = option(
+        "With cases of the hazard: plan for the mean survival over them, or for the mean risk, as "
+        "much of the literature does; without --ambiguity, for the prior mean of the risks.",
+        default="survival",
+    )
 
 
 @click.command()
@@ -218,6 +223,7 @@ def plan(
       casswarm plan single-agent --map
       casswarm plan single-agent --verbose
       casswarm plan two-gaps --ambiguity worst
+      casswarm plan two-gaps --ambiguity worst --objective risk
       casswarm plan my-scenario.toml --set guide.a_max=0.3 --json
     """
     if not solving.certify:
@@ -232,15 +238,17 @@ def plan(
         )
     with work(common) as job:
         chosen = load(common, planning.values)
-        if len(chosen.cases) > 1 and solving.ambiguity is None:
+        if len(chosen.cases) > 1 and solving.ambiguity is None and solving.objective == "survival":
             raise WrongInput(
                 f"{chosen.name} has {len(chosen.cases)} cases of its hazard: say with --ambiguity "
-                "for which priors the guides shall be good, such as --ambiguity mean"
+                "for which priors the guides shall be good, such as --ambiguity mean, or plan one "
+                "for the prior mean of the risks with --objective risk"
             )
         if solving.ambiguity is not None:
             _plan_mixture(job, chosen, solving.ambiguity, solving)
             return
         folder = job.open("plan", chosen)
+        chosen = chosen.believed  # of several cases, the mean of their rates
         if solving.with_map:
             from ..grid import value_grid
 
@@ -251,6 +259,7 @@ def plan(
             guide = csw.plan(
                 chosen,
                 solving.solver,
+                objective=solving.objective,
                 certify=solving.certify,
                 gap=solving.gap,
                 time_limit=solving.time_limit,
@@ -279,14 +288,13 @@ def _plan_mixture(job: Work, scenario: csw.Scenario, chosen: Any, solving: Solve
 
     folder = job.open("plan", scenario)
     limits: dict[str, Any] = {"gap": solving.gap, "time_limit": solving.time_limit}
-    mixed = csw.plan(
-        scenario, ambiguity=chosen, certify=solving.certify, progress=job.progress, **limits
-    )
+    limits |= {"certify": solving.certify, "progress": job.progress}
+    mixed = csw.plan(scenario, ambiguity=chosen, objective=solving.objective, **limits)
     paths = {f"path {k}": path.positions for k, path in enumerate(mixed.paths)}
     folder.write_tables(
         mixture=tables.mixture_table(mixed), paths=tables.path_table({"mixture": paths})
     )
-    _finish_mixture(job, scenario, mixed, {"ambiguity": chosen})
+    _finish_mixture(job, scenario, mixed, {"ambiguity": chosen, "objective": solving.objective})
 
 
 def _write_guide(folder: ResultsFolder, guide: csw.Guide, solver: str) -> None:
@@ -366,6 +374,8 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
       casswarm plan-swarm paper-1 --objective survivors --time-limit 60
       casswarm plan-swarm two-gaps --ambiguity worst
     """
+    if planning.ambiguity is not None:
+        refuse("a mixture of plans is for success", "objective")
     with work(common) as job:
         chosen = load(common)
         from ..policies import JointPolicy
@@ -375,10 +385,13 @@ def plan_swarm(common: CommonOptions, planning: SwarmPlanOptions) -> None:
         # for the initial velocities
         guide = csw.plan(chosen.believed, certify=False, progress=job.progress)
         shared: dict[str, Any] = {"guide": guide, "progress": job.progress}
-        found = csw.plan_swarm(chosen, **asdict(planning), **shared)
-        if isinstance(found, csw.MixedPlan):
-            _write_mixed_plan(job, chosen, found, asdict(planning))
+        asked = asdict(planning)
+        if (ambiguity := asked.pop("ambiguity")) is not None:
+            del asked["objective"]
+            mixed = csw.plan_swarm_mixture(chosen, ambiguity, **asked, **shared)
+            _write_mixed_plan(job, chosen, mixed, asked | {"ambiguity": ambiguity})
             return
+        found = csw.plan_swarm(chosen, **asked, **shared)
         folder.write_tables(joint=joint_table(found), outcomes=outcome_table(found))
         sampled = None
         if found.distribution is None:
@@ -401,9 +414,7 @@ def _write_mixed_plan(
     _finish_mixture(job, scenario, mixed, inputs)
 
 
-def _finish_mixture(
-    job: Work, scenario: csw.Scenario, mixed: Any, inputs: dict[str, Any]
-) -> None:
+def _finish_mixture(job: Work, scenario: csw.Scenario, mixed: Any, inputs: dict[str, Any]) -> None:
     """Write the object and the record of a mixture of guides or plans, and print it."""
     job.folder.write_objects(mixed=mixed)
     job.folder.write_record(mixed.as_dict(), inputs)

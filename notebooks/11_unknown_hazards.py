@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 import casswarm as csw
-from casswarm.figures import mixture_map
+from casswarm.figures import information_chart, mixture_map
 
 scenario = csw.load_scenario("two-gaps")
 [case.weight for case in scenario.cases]
@@ -97,18 +97,38 @@ mixture_map(cloud, scattered)
 scattered.worst_prior.round(3)
 
 # %% [markdown]
-# ## What is it worth to know, for a swarm?
+# ## A swarm
 #
-# A swarm that does not know the case can use the mean of the rates, which is an ordinary hazard.
-# Its policy is made for that, and evaluated in every case. The others know the case.
+# Members act by the prior means of the rates. Their law is that of every case, and the mean of
+# these for the prior.
 
 # %%
-prior = np.array([case.weight for case in scenario.cases])
-blind = scenario.of_mean_rates(prior)
-policy = csw.make_policy("leader", blind)
-rows = []
-for number, case in enumerate(scenario.cases):
-    unaware = csw.evaluate(case.scenario, policy, 1e-2).success
-    aware = csw.evaluate(case.scenario, "leader", 1e-2).success
-    rows.append({"case": number, "blind": unaware.midpoint, "known": aware.midpoint})
-pd.DataFrame(rows).round(3)
+law = csw.evaluate(scenario, "leader", 1e-2)
+print(law)
+
+# %% [markdown]
+# A joint plan maximises the success for the prior; a mixture of plans that of the worst one.
+
+# %%
+plan = csw.plan_swarm(scenario, certify=False)
+print(plan)
+plan.plot(scenario)
+
+# %%
+mixed_plan = csw.plan_swarm_mixture(scenario, "worst", certify=False)
+print(mixed_plan)
+mixture_map(scenario, mixed_plan)
+
+# %% [markdown]
+# ## What is it worth to know?
+#
+# Losses tell something about the case: a swarm may act by its posterior given who has survived
+# (`formation.belief = "bayes"`). Here that comes too late to turn to the other gap. Who knows the
+# case before the start succeeds more often than any plan for the prior.
+
+# %%
+table = csw.value_of_information(scenario, ["leader", "joint"], tolerance=0.02)
+information_chart(table, "two-gaps")
+
+# %%
+table.round(3)

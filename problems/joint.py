@@ -96,14 +96,13 @@ class JointForm:
 
 
 @locked_cache(maxsize=64)
-def joint_nlp(
-    hazard: Hazard | tuple[Hazard, ...], form: JointForm, hessian: bool = True
-) -> Nlp:
+def joint_nlp(hazard: Hazard | tuple[Hazard, ...], form: JointForm, hessian: bool = True) -> Nlp:
     """The program of `casswarm.problems.joint`, in steps and in lengths of a step at v_max.
 
-    Several hazards are those of K cases, and their prior (K,) is a parameter. Blocks have a column per step; those of points hold (x_1, y_1, ..., x_n, y_n). `hessian` tells
-    whether to build second derivatives in CasADi, which takes a second with a hundred steps;
-    casswarm's own solver has others if the rates are made of kernels.
+    Several hazards are those of K cases, and their prior (K,) is a parameter. Blocks have a column
+    per step; those of points hold (x_1, y_1, ..., x_n, y_n). `hessian` tells whether to build
+    second derivatives in CasADi, which takes a second with a hundred steps; casswarm's own solver
+    has others if the rates are made of kernels.
     """
     n, steps = form.n, form.horizon
     hazards = hazard if isinstance(hazard, tuple) else (hazard,)
@@ -142,7 +141,7 @@ def joint_nlp(
         prior = p.get("prior", 1.0)
         objective = _log_odds(ca.dot(prior, failures) if len(hazards) > 1 else failures)
     else:
-        objective = _mean_field(*hazards, form, p, points)
+        objective = _mean_field(hazards[0], form, p, points)
     program = Nlp(
         name=f"joint[{n}, {steps}, {form.objective}{'' if form.exact else ', mean field'}]",
         variables={"velocities": V},

@@ -20,7 +20,7 @@ UNITS = 256
 def rounded(weights: FloatArray) -> IntArray:
     """Weights (R, K) of the cases, up to a factor, in units of the memory."""
     shares = weights / weights.sum(axis=1, keepdims=True)
-    return np.maximum(1, np.rint(UNITS * shares).astype(np.int64))
+    return np.asarray(np.maximum(1, np.rint(UNITS * shares).astype(np.int64)))
 
 
 class Observation(NamedTuple):

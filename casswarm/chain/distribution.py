@@ -12,7 +12,6 @@ from .._util.display import Displayed
 from ..typing import FloatArray, Interval
 from .confidence import LEVEL, stratified_interval
 
-
 _LINEAR = (
     "arrival",
     "survivors",
@@ -148,7 +147,9 @@ class OutcomeDistribution(Displayed):
             f"{self.states} distinct states solved{rounded}"
         )
         if self.cases:
-            text += f"; by case {', '.join(f'{each.success.midpoint:.4f}' for _, each in self.cases)}"
+            text += (
+                f"; by case {', '.join(f'{each.success.midpoint:.4f}' for _, each in self.cases)}"
+            )
         return text if self.complete else f"{text}; {self.advice}"
 
     @property

@@ -137,7 +137,7 @@ class StateSpaceExpansion:
         self.population[0, n] = 1.0
         self.solved, self.infeasible, self.failures = 0, 0.0, 0.0
         states = States.initial(scenario, initial_velocities, weighs=policy.weighs_cases)
-        self.frontier.add(0, replace(states[[case]], weights=np.ones(1)))
+        self.frontier.add(0, replace(states[case : case + 1], weights=np.ones(1)))
 
     @property
     def done(self) -> bool:

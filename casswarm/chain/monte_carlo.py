@@ -338,9 +338,7 @@ class Chain:
         PolicyError, HazardError
             Velocities or rates that are not finite or of the wrong shape.
         """
-        initial = States.initial(
-            self.scenario, self.initial_velocities, weighs=policy.weighs_cases
-        )
+        initial = States.initial(self.scenario, self.initial_velocities, weighs=policy.weighs_cases)
         starts = np.zeros((2, runs), np.int64)
         starts[0] = self.true_cases(first, runs)
         batch = _RunBatch(initial, starts, save_trajectories)

@@ -141,7 +141,8 @@ class States:
         if len(batches) == 1:
             return batches[0]
         columns = zip(*(batch._fields for batch in batches), strict=True)
-        return cls(*(None if c[0] is None else np.concatenate(c) for c in columns))
+        fields: Any = (None if c[0] is None else np.concatenate(c) for c in columns)
+        return cls(*fields)
 
     @property
     def _fields(self) -> tuple[Any, ...]:
@@ -152,7 +153,8 @@ class States:
         return len(self.weights)
 
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> States:
-        return States(*(None if array is None else array[rows] for array in self._fields))
+        fields: Any = (None if array is None else array[rows] for array in self._fields)
+        return States(*fields)
 
     @property
     def mass(self) -> float:

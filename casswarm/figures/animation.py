@@ -59,7 +59,6 @@ from .maps import (
     clusters,
     count_of,
     draw_base_map,
-    pictured,
     pixels,
 )
 
@@ -97,7 +96,7 @@ class RunFigure:
             np.repeat(trajectory.leaders, per_step),
             np.repeat(trajectory.alive | trajectory.ghosts, per_step, axis=0)[: len(self.centers)],
         )
-        self.scenario, self.guide, self.per_step = pictured(scenario), guide, per_step
+        self.scenario, self.guide, self.per_step = scenario.believed, guide, per_step
         self.title = title
         self.settings = settings(current_theme())
         self.few = trajectory.alive.shape[1] <= len(MEMBERS)

@@ -36,7 +36,7 @@ from ..guide.guide import Guide
 from ..hazard import Hazard
 from ..scenario import Scenario
 from ..typing import BoolArray, FloatArray, IntArray
-from .maps import GREYS, add_label, clusters, count_of, draw_field, pictured, pixels, set_extent
+from .maps import GREYS, add_label, clusters, count_of, draw_field, pixels, set_extent
 
 _PIXELS = 80
 _MAX = 1.5  # relative rate up to which the boundary of dangerous regions is interpolated
@@ -84,7 +84,7 @@ class Closeup:
         per_step: int = 1,
     ) -> None:
         self.axes, self.trajectory = axes, trajectory
-        self.hazard = pictured(scenario).hazard
+        self.hazard = scenario.believed.hazard
         self.dt = scenario.time.dt / per_step
         self.centers, self.half, self.per_step = centers, half, per_step
         self.few = trajectory.alive.shape[1] <= len(MEMBERS)

@@ -37,7 +37,6 @@ from .._util.figure_style import (
 from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..chain.monte_carlo import RunTrajectory
-from ..errors import ScenarioError
 from ..grid import CostToGoMap, ValueFunction
 from ..guide.guide import Candidate, Guide
 from ..hazard import Hazard
@@ -50,23 +49,12 @@ _OFFSET = 10.0  # points on a page from a point to the middle of its label
 _MAP = 0.62  # about the width of a map, as a fraction of its figure's
 
 
-def pictured(scenario: Scenario) -> Scenario:
-    """The scenario whose hazard is drawn: of a hazard that is not known, of its mean rates.
-
-    The first case where they have no mean, as those of users.
-    """
-    try:
-        return scenario.believed
-    except ScenarioError:
-        return scenario.cases[0].scenario
-
-
 class LabelPlaces:
     """Places that labels leave free on a map of this width: off paths (..., 2) and landmarks."""
 
     def __init__(self, scenario: Scenario, paths: Sequence[FloatArray], width: float) -> None:
         self.distance = width * scaled(_OFFSET) / (72 * _MAP * current_theme().width)
-        radars = pictured(scenario).hazard.radar_positions.reshape(-1, 2)
+        radars = scenario.believed.hazard.radar_positions.reshape(-1, 2)
         points = np.vstack([path.reshape(-1, 2) for path in paths])
         targets = scenario.target.discs
         self.centers = np.vstack([points, radars, [disc.center for disc in targets]])
@@ -127,9 +115,9 @@ def base_map(
     """Figure with a map of the hazard rates that holds all points (..., 2) of `contents`.
 
     Rates that depend on time are those after `step` steps, by default the last one; of a hazard
-    that is not known they are the prior means, or those of the first case.
+    that is not known they are the prior means.
     """
-    scenario = pictured(scenario)
+    scenario = scenario.believed
     fig, axes = single_panel(ax=ax)
     image = draw_base_map(axes, scenario, *scenario.extent(contents), step)
     when = f" after step {_shown(scenario, step)}" if scenario.hazard.changes else ""
@@ -520,7 +508,7 @@ def _close_up(
         return
     cross = np.array([[0, 0], [0, 1], [1, 0], [0, -1], [-1, 0]])
     targets = [np.asarray(disc.center) + disc.radius * cross for disc in scenario.target.discs]
-    radars = pictured(scenario).hazard.radar_positions.reshape(-1, 2)
+    radars = scenario.believed.hazard.radar_positions.reshape(-1, 2)
     obstacles = np.vstack([*targets, radars, others])
     add_closeup(axes, paths, obstacles)
 

@@ -21,6 +21,7 @@ from .._util.figure_style import (
     scaled,
     themed,
 )
+from ..guide.mixture import MixedGuide
 from ..joint import MixedPlan
 from ..scenario import Scenario
 from ..scenario.ambiguity import Mixture
@@ -36,7 +37,8 @@ def mixture_map(
 ) -> Figure:
     """Paths of a mixture, as wide as they are likely, on the prior mean of the hazard rates.
 
-    Of joint plans those of all members, in a colour for every plan. Radars that are not in all cases have the colour of their case.
+    Of joint plans those of all members, in a colour for every plan. Radars that are not in all
+    cases have the colour of their case.
 
     Parameters
     ----------
@@ -48,15 +50,15 @@ def mixture_map(
     """
     cases = [case.scenario for case in scenario.cases]
     routes, joint = mixed.routes, isinstance(mixed, MixedPlan)
-    points = [route.reshape(-1, 2) for route in routes]
-    fig, axes = base_map(scenario, [scenario.positions, *points], ax=ax)
+    visited = [route.reshape(-1, 2) for route in routes]
+    fig, axes = base_map(scenario, [scenario.positions, *visited], ax=ax)
     places = [set(map(tuple, case.hazard.radar_positions.tolist())) for case in cases]
     common = set.intersection(*places)
     for number, own in enumerate(places):
         points = np.array(sorted(own - common)).reshape(-1, 2)
         if len(points) and len(cases) < len(MEMBERS):
-            style = marker("^", 8, MEMBERS[1 + number], "white", 0.7)
-            axes.plot(*points.T, zorder=5, label=f"radars of case {number}", **style)
+            shown = marker("^", 8, MEMBERS[1 + number], "white", 0.7)
+            axes.plot(*points.T, zorder=5, label=f"radars of case {number}", **shown)
     widest = _WIDTH / 2 if joint else _WIDTH
     for number, (route, weight) in enumerate(zip(routes, mixed.weights, strict=True)):
         label = f"{'plan' if joint else 'path'} with probability {weight:.3f}"
@@ -67,7 +69,10 @@ def mixture_map(
     add_starts(axes, scenario, "initial positions" if scenario.n > 1 else "start")
     add_legend(axes)
     low, high = mixed.value
-    bound = f", at most {high:.3g}" if high < 1 else ""
-    what = "joint plans, success" if joint else "guides, survival"
-    add_title(axes, heading(title, scenario.name, f"mixture of {what} {low:.3g}{bound}"))
+    value = f"{low:.3g}" + (f", at most {high:.3g}" if high < 1 else "")
+    if isinstance(mixed, MixedGuide) and mixed.objective == "risk":
+        value = f"{high:.3g}" + (f", at least {low:.3g}" if low > 0 else "")
+    what = "joint plans" if joint else "guides"
+    text = f"mixture of {what}, {mixed.measure} {value}"
+    add_title(axes, heading(title, scenario.name, text))
     return fig

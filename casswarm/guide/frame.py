@@ -115,8 +115,7 @@ class Frame:
         values |= {f"hazard.{key}": each for key, each in self._sources_in(table).items()}
         if table.case:
             values["hazard.case"] = [
-                case.given | {"weight": case.weight} | self._sources_in(case)
-                for case in table.case
+                case.given | {"weight": case.weight} | self._sources_in(case) for case in table.case
             ]
         if scenario.swarm.kind is not None:
             values["swarm.kind"] = [scenario.swarm.kind[row] for row in self.order]

@@ -13,7 +13,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from typing_extensions import override
@@ -30,11 +30,12 @@ from ..motion.kinematics import integrate
 from ..nlp.program import Instances, Nlp
 from ..problems.guide import GuideTask, guide_instance, guide_nlp
 from ..scenario import Scenario
+from ..scenario.ambiguity import SUPPORT, AmbiguityLike, Mixture, of_game
+from ..scenario.ambiguity import Ambiguity as Ambiguity
 from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Interval, Progress
 from .agent import plan_from
-from ..scenario.ambiguity import SUPPORT, Ambiguity, AmbiguityLike, Mixture, of_game
 from .certificate import TIME_LIMIT, certify_guide
 from .guide import Candidate, Guide
 from .multistart import GridPath, Multistart
@@ -59,6 +60,9 @@ class MixedGuide(Mixture, Displayed):
         The best single guide that is known.
     bound : MixtureBound, optional
         Details of the proof, up to four cases.
+    objective : {"survival", "risk"}
+        With ``"risk"``, `value`, `pure_value` and `known_value` are the largest mean risks over Q:
+        that of this mixture is the upper end of `value`, and the lower one is proven.
     weights, survivals, prior, ambiguity, value, worst_prior, pure_value, known, note
         As of `casswarm.scenario.ambiguity.Mixture`.
     """
@@ -66,6 +70,19 @@ class MixedGuide(Mixture, Displayed):
     paths: tuple[Guide, ...]
     pure: Guide
     bound: MixtureBound | None = None
+    objective: Literal["survival", "risk"] = "survival"
+
+    @property
+    @override
+    def known_value(self) -> float:
+        if self.objective == "survival":
+            return super().known_value
+        return -self.ambiguity.least(np.log(self.known), self.prior)
+
+    @property
+    @override
+    def measure(self) -> str:
+        return self.objective
 
     @property
     @override
@@ -73,13 +90,19 @@ class MixedGuide(Mixture, Displayed):
         return [path.positions[:, None] for path in self.paths]
 
     @classmethod
-    def of_guide(cls, guide: Guide, ambiguity: Ambiguity) -> MixedGuide:
+    def of_guide(
+        cls, guide: Guide, ambiguity: Ambiguity, objective: Literal["survival", "risk"] = "survival"
+    ) -> MixedGuide:
         """The mixture of one guide for a hazard that is known."""
         survival = guide.survival
         high = 1.0 if guide.survival_bound is None else max(guide.survival_bound, survival)
         _, fields = of_game(ambiguity, np.array([[survival]]), np.ones(1))
         fields |= {"value": Interval(survival, high), "known": np.array([survival])}
-        return cls(paths=(guide,), pure=guide, note="the hazard has one case", **fields)
+        if objective == "risk":
+            low = min(guide.risk_bound or 0.0, guide.risk)
+            fields |= {"value": Interval(low, guide.risk), "pure_value": guide.risk}
+        note = "the hazard has one case"
+        return cls(paths=(guide,), pure=guide, objective=objective, note=note, **fields)
 
     def __repr__(self) -> str:
         low, high = self.value
@@ -93,7 +116,19 @@ class MixedGuide(Mixture, Displayed):
             f"{weight:.3f} arrives at step {path.arrival}"
             for weight, path in zip(self.weights, self.paths, strict=True)
         )
-        return self._text(counted(len(self.paths), "guide"), "survival", paths)
+        guides = counted(len(self.paths), "guide")
+        if self.objective == "survival":
+            return self._text(guides, paths)
+        low, high = self.value
+        proven = f"no mixture can be below {-rounded_up(-low):.4f}" if low > 0 else "not certified"
+        risks = ", ".join(f"{risk:.4f}" for risk in self.weights @ -np.log(self.survivals))
+        priors = ", ".join(f"{q:.3f}" for q in self.worst_prior)
+        return (
+            f"mixture of {guides} for {self.ambiguity}: risk {high:.4f} ({proven})\n"
+            f"best single guide found {self.pure_value:.4f}, with the case known "
+            f"{self.known_value:.4f}\n"
+            f"weights: {paths}\nrisk by case: {risks}; worst prior: {priors}"
+        )
 
 
 @dataclass(frozen=True)

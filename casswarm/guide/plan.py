@@ -17,14 +17,15 @@ from .._util.text import counted, shown
 from ..bounds.risk_bound import GAP
 from ..errors import CasswarmWarning, PlanningError
 from ..scenario import Scenario
+from ..scenario.ambiguity import Ambiguity, AmbiguityLike
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
 from ..typing import Search
 from .agent import plan_from
-from ..scenario.ambiguity import Ambiguity, AmbiguityLike
 from .certificate import certify_guide
 from .guide import Guide
 from .mixture import MixedGuide, plan_mixture
+from .risk_mixture import plan_risk_mixture
 
 _BASELINE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the target
 
@@ -55,6 +56,7 @@ def plan(
     solver: str | Solver = ...,
     *,
     ambiguity: AmbiguityLike,
+    objective: Objective = ...,
     certify: bool = ...,
     gap: float = ...,
     execution: Execution | None = ...,
@@ -90,8 +92,8 @@ def plan(
         worst fraction a of *cases* (of the event of survival itself CVaR would say nothing); or
         sum_k abs(q_k - p_k) <= r.
     objective : {"survival", "risk"}
-        With cases and no `ambiguity`, ``"risk"`` plans for the prior mean of the risks, as much of
-        the literature does, instead of the mean survival.
+        With cases, ``"risk"`` plans for means of the risks, as much of the literature does,
+        instead of the mean survival; without `ambiguity`, the guide of the prior mean.
     search : {"local", "global"}, optional
         Whether to start from the straight line only, as in the paper, or also from the homotopy
         classes found by dynamic programming; the scenario's choice by default.
@@ -166,15 +168,16 @@ def plan(
     weights = [case.weight for case in scenario.cases]
     if ambiguity is not None:
         chosen = Ambiguity.of(ambiguity)
-        _require_mixture(solver, search, objective, solver_options)
+        _require_mixture(solver, search, solver_options)
         if len(weights) > 1:
             options: dict[str, Any] = {"certify": certify, "gap": gap, "progress": progress}
-            return plan_mixture(scenario, chosen, time_limit=time_limit, **options)
+            planned = plan_risk_mixture if objective == "risk" else plan_mixture
+            return planned(scenario, chosen, time_limit=time_limit, **options)
         limits: dict[str, Any] = {"time_limit": time_limit, "progress": progress}
         known = plan(scenario, check=check, certify=certify, gap=gap, **limits)
-        return MixedGuide.of_guide(known, chosen)
-    if objective == "risk" and len(weights) > 1:
-        scenario = scenario.of_mean_rates(weights)
+        return MixedGuide.of_guide(known, chosen, objective)
+    if objective == "risk":
+        scenario = scenario.believed
     velocity = scenario.swarm.velocity
     guide = plan_from(
         scenario,
@@ -203,10 +206,10 @@ def plan(
     return replace(guide, risk_bound=certificate.risk_bound, certificate=certificate)
 
 
-def _require_mixture(solver: object, search: object, objective: str, options: object) -> None:
+def _require_mixture(solver: object, search: object, options: object) -> None:
     """Refuse arguments that a mixture of guides does not take."""
     given = {"solver": solver != "ipopt", "search": search is not None}
-    given |= {"objective": objective != "survival", "solver_options": options is not None}
+    given |= {"solver_options": options is not None}
     if names := [name for name, is_given in given.items() if is_given]:
         raise ValueError(
             f"{names[0]}= is not for a mixture of guides: leave it out, or plan without ambiguity="

@@ -6,6 +6,7 @@ from .compiled_rates import compiled_rates, rate_module
 from .custom import CustomHazard
 from .in_time import HazardInTime, RadarTrack
 from .kernel_hazard import KernelHazard, Members, regular
+from .mean import MeanHazard
 from .rate_bounds import LeastRate
 from .saturation import Saturation, SaturationCollision
 from .zones import Zone
@@ -17,6 +18,7 @@ __all__ = [
     "KernelHazard",
     "LeastRate",
     "LocalRates",
+    "MeanHazard",
     "Members",
     "RadarTrack",
     "Saturation",

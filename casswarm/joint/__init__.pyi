@@ -1,5 +1,5 @@
 from .initial_guesses import INITIAL_GUESSES, InitialGuess
-from .mixture import MixedPlan
+from .mixture import MixedPlan, plan_swarm_mixture
 from .plan_distribution import MAX_EXACT, CasesDistribution, PlanDistribution, plan_law
 from .replan import PlanTree
 from .search import alternative_plan, plan_swarm
@@ -20,4 +20,5 @@ __all__ = [
     "alternative_plan",
     "plan_law",
     "plan_swarm",
+    "plan_swarm_mixture",
 ]

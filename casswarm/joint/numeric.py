@@ -211,8 +211,8 @@ def joint_program(
     """The program of `joint_nlp`, with these derivatives if the rates are made of kernels."""
     nlp = joint_nlp(hazard, form, hessian)
     hazards = hazard if isinstance(hazard, tuple) else (hazard,)
-    rates = tuple(Rates.of(each, form) for each in hazards)
-    if not (form.exact and all(rates)):
+    rates = tuple(filter(None, (Rates.of(each, form) for each in hazards)))
+    if not (form.exact and len(rates) == len(hazards)):
         return nlp
     numeric = partial(JointNumeric, replace(nlp, attachments=()), rates, form.n)
     return nlp.with_attachments(NumericDerivatives(numeric))

@@ -250,7 +250,8 @@ def prescribed_costs(
     """
     if len(cases := scenario.cases) > 1:
         each = [prescribed_costs(c.scenario, objective, positions, arrivals) for c in cases]
-        return np.asarray([case.weight for case in cases] @ np.array(each))
+        mean = np.array([case.weight for case in cases]) @ np.array(each)
+        return np.asarray(np.minimum(1.0, mean))
     lost, n = loss_probabilities(scenario, positions), positions.shape[2]
     steps = lost.shape[1]
     arriving = np.arange(1, steps + 1)[:, None] == arrivals[:, None]  # (B, N, n)

@@ -76,14 +76,16 @@ class Branch:
         (K,), of this and each of the K cases of the hazard.
         """
         at, survives = step - self.step - 1, np.isin(self.members, members)
-        cases, prior = (self.law,), np.ones(1)
         if isinstance(self.law, CasesDistribution):
             cases, prior = self.law.cases, self.law.prior
+        else:
+            cases, prior = (self.law,), np.ones(1)
         if not 0 <= at < len(cases[0].lost):
             return np.zeros(len(cases))
         lost = np.array([case.lost[at, -1] for case in cases])
         outcome = np.where(survives, 1 - lost, lost).prod(axis=1)
-        return self.probability * prior * [case.masses[at, -1] for case in cases] * outcome
+        masses = np.array([case.masses[at, -1] for case in cases])
+        return np.asarray(self.probability * prior * masses * outcome)
 
     def _rows(self, members: Members) -> list[int]:
         return [self.members.index(member) for member in members]

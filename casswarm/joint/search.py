@@ -7,8 +7,7 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from typing_extensions import Unpack
@@ -26,7 +25,6 @@ from ..guide.plan import plan
 from ..motion.kinematics import integrate, interpolated
 from ..motion.step import Motion
 from ..problems.joint import OBJECTIVES, JointForm, JointTask
-from ..scenario.ambiguity import Ambiguity, AmbiguityLike
 from ..scenario.cases import require_known
 from ..scenario.members import with_accelerations
 from ..scenario.scenario_files import require_scenario
@@ -34,7 +32,6 @@ from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Objective, Progress
 from .initial_guesses import INITIAL_GUESSES, Guesses, InitialGuess, delayed, padded, track
-from .mixture import MixedPlan, plan_mixture
 from .plan_distribution import MAX_EXACT, MAX_MEMBERS, likely_sets, plan_law
 from .solve import STAGED, JointProblem, first_arrivals, stage_solver
 from .swarm_plan import SwarmOutcome, SwarmPlan, least_distance
@@ -323,42 +320,6 @@ def _merit(outcome: SwarmOutcome) -> float:
     return merit if np.isfinite(merit) else np.inf
 
 
-@overload
-def plan_swarm(
-    scenario: Scenario,
-    objective: Objective = ...,
-    solver: str | Solver = ...,
-    *,
-    initial_guesses: Sequence[str] = ...,
-    seed: int = ...,
-    min_distance: float | None = ...,
-    ambiguity: None = ...,
-    guide: Guide | None = ...,
-    certify: bool = ...,
-    solver_options: Mapping[str, Any] | None = ...,
-    execution: Execution | None = ...,
-    **plain: Unpack[SavedKeywords],
-) -> SwarmPlan: ...
-
-
-@overload
-def plan_swarm(
-    scenario: Scenario,
-    objective: Objective = ...,
-    solver: str | Solver = ...,
-    *,
-    initial_guesses: Sequence[str] = ...,
-    seed: int = ...,
-    min_distance: float | None = ...,
-    ambiguity: AmbiguityLike,
-    guide: Guide | None = ...,
-    certify: bool = ...,
-    solver_options: Mapping[str, Any] | None = ...,
-    execution: Execution | None = ...,
-    **plain: Unpack[SavedKeywords],
-) -> MixedPlan: ...
-
-
 def plan_swarm(
     scenario: Scenario,
     objective: Objective = "success",
@@ -367,18 +328,18 @@ def plan_swarm(
     initial_guesses: Sequence[str] = INITIAL_GUESSES,
     seed: int = 0,
     min_distance: float | None = None,
-    ambiguity: AmbiguityLike | None = None,
     guide: Guide | None = None,
     certify: bool = True,
     solver_options: Mapping[str, Any] | None = None,
     execution: Execution | None = None,
     **plain: Unpack[SavedKeywords],
-) -> SwarmPlan | MixedPlan:
+) -> SwarmPlan:
     """Trajectories of all members that maximise the swarm's own probability of success.
 
     Parameters
     ----------
     scenario : Scenario
+        Of a hazard that is not known, for the prior; see `plan_swarm_mixture` for others.
     objective : {"success", "arrivals", "survivors"}
         The probability that some member arrives alive by t_f, or the mean number of living members
         in the target, or alive anywhere, when the run ends: at the first arrival. With
@@ -396,9 +357,6 @@ def plan_swarm(
         Of the random waves and perturbations, from 0 to 2^64 - 1; all else is deterministic.
     min_distance : float, optional
         Minimum distance of any two members at every step after the first.
-    ambiguity : {"mean", "worst"}, ("cvar", a) or ("tv", r), optional
-        Of a hazard that is not known: the priors against which a mixture of plans shall succeed, as
-        in `casswarm.plan`; for success, and at most 10 members. Without it, one plan for the prior.
     guide : Guide, optional
         Provides V(-1) if the scenario leaves that to the guide; planned from the scenario by
         default, so that every policy begins with the same velocity.
@@ -414,8 +372,8 @@ def plan_swarm(
 
     Returns
     -------
-    SwarmPlan or MixedPlan
-        With `ambiguity` a mixture of plans with its value between proven ends. Else the best outcome of all starts by its exact value, whatever its solver's status, or by the
+    SwarmPlan
+        The best outcome of all starts by its exact value, whatever its solver's status, or by the
         mean field's with more than 10 members; among those that keep `min_distance`, if any do.
         Its `success` has proven bounds; with more than 62 members it is None.
 
@@ -445,44 +403,17 @@ def plan_swarm(
     if time_limit is not None and not time_limit > 0:
         raise ValueError(f"time_limit = {shown(time_limit)}; allowed: seconds above 0")
     guide = plan(scenario.believed, certify=False) if guide is None else guide
+    # before the search, whose result it could cost
+    bound = success_bound(scenario) if certify else None
+    velocities = initial_velocities(scenario, guide)
+    frame = Frame.of_scenario(scenario, velocities[0])
+    framed = frame.scenario_in(scenario)
+    task = JointTask.from_scenario(framed, frame.members_to(velocities), min_distance or 0.0)
     if solver not in STAGED or solver_options:
         solver = make_solver(solver, **dict(solver_options or {}))
     deadline = math.inf if time_limit is None else started + time_limit
-    asked = objective, solver, tuple(initial_guesses), seed, min_distance
-    request = _Request(*asked, guide, deadline, progress)
-    if ambiguity is not None:
-        chosen = Ambiguity.of(ambiguity)
-        _require_mixture(scenario, objective)
-        planner = partial(_planned, request=request)
-        return plan_mixture(scenario, chosen, planner, certify, deadline, progress)
-    # before the search, whose result it could cost
-    bound = success_bound(scenario) if certify else None
-    planned = _planned(scenario, request)
-    return replace(planned, bound=bound, seconds=time.perf_counter() - started)
-
-
-class _Request(NamedTuple):
-    """What a joint plan of any prior is asked for."""
-
-    objective: str
-    solver: str | Solver
-    initial_guesses: Sequence[str]
-    seed: int
-    min_distance: float | None
-    guide: Guide
-    deadline: float
-    progress: Progress | None
-
-
-def _planned(scenario: Scenario, request: _Request) -> SwarmPlan:
-    """The best plan that a search finds."""
-    started, velocities = time.perf_counter(), initial_velocities(scenario, request.guide)
-    frame = Frame.of_scenario(scenario, velocities[0])
-    framed, least = frame.scenario_in(scenario), request.min_distance or 0.0
-    task = JointTask.from_scenario(framed, frame.members_to(velocities), least)
-    limits = request.solver, request.deadline, frame.reported(request.progress)
-    search = JointSearch(framed, task, request.objective, *limits)
-    found = search.run(request.initial_guesses, request.seed)
+    search = JointSearch(framed, task, objective, solver, deadline, frame.reported(progress))
+    found = search.run(initial_guesses, seed)
     best = found.in_scenario(frame)
     positions = integrate(scenario.positions, best.velocities, scenario.time.dt)
     exact, likely = search.problem.form.exact, None
@@ -490,7 +421,7 @@ def _planned(scenario: Scenario, request: _Request) -> SwarmPlan:
         likely = likely_sets(framed, search.problem.positions(found.velocities))
     return SwarmPlan(
         scenario=scenario.name,
-        objective=request.objective,
+        objective=objective,
         positions=positions,
         velocities=best.velocities,
         initial_velocities=velocities,
@@ -500,25 +431,11 @@ def _planned(scenario: Scenario, request: _Request) -> SwarmPlan:
         distribution=plan_law(scenario, positions) if exact else None,
         solution=best.solution,
         outcomes=tuple(outcome.in_scenario(frame) for outcome in search.outcomes),
-        min_distance=request.min_distance,
+        bound=bound,
+        min_distance=min_distance,
         seconds=time.perf_counter() - started,
         likely=likely,
     )
-
-
-def _require_mixture(scenario: Scenario, objective: str) -> None:
-    """Raise for what no mixture of plans is made for."""
-    if objective != "success":
-        raise SolverError(
-            f"objective = {objective!r}; a mixture of plans (ambiguity=) is for 'success'",
-            objective=objective,
-        )
-    if scenario.n > MAX_EXACT:
-        raise PlanningError(
-            f"{scenario.name!r} has {scenario.n} members; mixtures of plans are for at most "
-            f"{MAX_EXACT}, whose success is exact",
-            members=scenario.n,
-        )
 
 
 def _require_known(objective: str, kinds: Sequence[str]) -> None:

@@ -145,9 +145,7 @@ def make_policy(
         own = leader_selection, full_name, options.follower_weight
         policy = LeaderPolicy(*shared, *own, max_wait=wait, counts=counts)
     else:
-        policy = ConstrainedPolicy(
-            *shared, options.rho, full_name, max_wait=wait, counts=counts
-        )
+        policy = ConstrainedPolicy(*shared, options.rho, full_name, max_wait=wait, counts=counts)
     return _weighing(scenario, policy)
 
 

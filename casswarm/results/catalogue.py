@@ -96,6 +96,7 @@ def evaluation_figures(
     distributions: Sequence[OutcomeDistribution],
     successes: pd.DataFrame,
     cases: pd.DataFrame | None = None,
+    information: pd.DataFrame | None = None,
 ) -> FigureCatalogue:
     """Figures of exact distributions, with the table of their success or of estimates."""
     name = scenario.name
@@ -107,6 +108,11 @@ def evaluation_figures(
         "population": partial(figures.population_chart, distributions, scenario.n, exact),
         "survival": partial(figures.survival_chart, distributions, exact),
         **_case_figures(name, cases),
+        **(
+            {}
+            if information is None
+            else {"information": partial(figures.information_chart, information, name)}
+        ),
     }
 
 

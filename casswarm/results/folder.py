@@ -44,12 +44,12 @@ from ..chain.distribution import OutcomeDistribution
 from ..chain.monte_carlo import RunTrajectory
 from ..errors import CasswarmError, CheckpointError, FolderError
 from ..grid import CostToGoMap
-from ..scenario.ambiguity import Ambiguity
 from ..guide.guide import Candidate, Guide
 from ..guide.mixture import MixedGuide
 from ..joint import MixedPlan, SwarmPlan
 from ..motion.step import Motion
 from ..nlp.solution import Residuals, Solution, Status
+from ..scenario.ambiguity import Ambiguity
 from ..typing import Progress
 from .drawing import FigureFormat, FigureProcess, drawn_files
 
@@ -460,7 +460,8 @@ class ResultsFolder:
         if self.command == "evaluate":
             successes = self.table("estimates" if self.has_table("estimates") else "distributions")
             distributions = objects["distributions"]
-            return catalogue.evaluation_figures(scenario, distributions, successes, cases)
+            known = self.table("information") if self.has_table("information") else None
+            return catalogue.evaluation_figures(scenario, distributions, successes, cases, known)
         if self.command == "sweep":
             return catalogue.sweep_figures(scenario.name, self.table("sweep"), objects["keys"])
         trajectories = dict(self.trajectory(policy, run) for policy in self.trajectories)

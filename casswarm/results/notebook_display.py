@@ -33,10 +33,9 @@ from ..figures.maps import add_start, base_map
 from ..figures.success import kind_of_success
 from ..guide.guide import Guide
 from ..guide.mixture import MixedGuide
-from ..joint import MixedPlan
-from ..scenario.ambiguity import Mixture
-from ..joint import SwarmPlan
+from ..joint import MixedPlan, SwarmPlan
 from ..scenario import Scenario
+from ..scenario.ambiguity import Mixture
 from ..scenario.cases import radars_text
 from ..studies.simulation import Study
 from ..studies.sweep import Sweep
@@ -119,20 +118,22 @@ def _(result: Guide) -> View:
 
 @view.register
 def _(result: MixedGuide) -> View:
-    return _mixture_view(result, "guide", "survival")
+    return _mixture_view(result, "guide")
 
 
 @view.register
 def _(result: MixedPlan) -> View:
-    return _mixture_view(result, "joint plan", "success")
+    return _mixture_view(result, "joint plan")
 
 
-def _mixture_view(result: Mixture, what: str, measure: str) -> View:
-    low, high = result.value
+def _mixture_view(result: Mixture, what: str) -> View:
+    measure, (low, high) = result.measure, result.value
+    if measure == "risk":
+        low, high = high, low
     values = {
         "ambiguity": str(result.ambiguity),
         measure: f"{low:.4f}",
-        f"{measure} bound": "not certified" if high == 1 else f"{rounded_up(high):.4f}",
+        f"{measure} bound": "not certified" if high in (0.0, 1.0) else f"{rounded_up(high):.4f}",
         f"best single {what}": f"{result.pure_value:.4f}",
         "with the case known": f"{result.known_value:.4f}",
     }
@@ -143,7 +144,8 @@ def _mixture_view(result: Mixture, what: str, measure: str) -> View:
         last = max(map(len, result.routes))
         padded = [np.concatenate([p, np.repeat(p[-1:], last - len(p), 0)]) for p in result.routes]
         labels = [
-            f"{what} with probability {weight:.3f}" + (f", member {member}" if route.shape[1] > 1 else "")
+            f"{what} with probability {weight:.3f}"
+            + (f", member {member}" if route.shape[1] > 1 else "")
             for route, weight in zip(result.routes, result.weights, strict=True)
             for member in range(route.shape[1])
         ]

@@ -118,14 +118,14 @@ class Ambiguity:
     def game(self, survivals: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Best mixture (P,) of paths with survivals (P, K), and the worst prior (K,) for it.
 
-        The program minimises t over q in Q with t >= sum_k q_k s_k(w) for all w: the multipliers
-        of these rows are the mixture.
+        Of risks, with their negative values. The program minimises t over q in Q with
+        t >= sum_k q_k s_k(w) for all w: the multipliers of these rows are the mixture.
         """
         from scipy.optimize import linprog
         from scipy.sparse import bmat, csr_matrix
 
         paths, cases = survivals.shape
-        largest = float(survivals.max()) or 1.0
+        largest = float(np.abs(survivals).max()) or 1.0
         rows, limits = self._rows(prior)
         extra = rows.shape[1] - cases if rows is not None else 0
         payoffs = csr_matrix(
@@ -207,6 +207,11 @@ class Mixture:
         object.__setattr__(self, "value", Interval(*self.value))  # read back, it is a tuple
 
     @property
+    def measure(self) -> str:
+        """What is valued: survival, success or risk."""
+        return "survival"
+
+    @property
     def routes(self) -> list[FloatArray]:
         """Positions (T+1, m, 2) of the agent, or of m members, in each path or plan."""
         raise NotImplementedError
@@ -233,18 +238,18 @@ class Mixture:
         values |= {"ambiguity": str(self.ambiguity), "value": self.value._asdict()}
         return values | {"paths": self.routes}
 
-    def _text(self, what: str, measure: str, chosen: str) -> str:
-        """Description of a mixture of `what`, whose `measure` is valued, with a text of weights."""
+    def _text(self, what: str, chosen: str) -> str:
+        """Description of a mixture of `what`, with a text of weights."""
         low, high = self.value
         bound = f"no mixture can exceed {rounded_up(high):.4f}" if high < 1 else "not certified"
         cases = ", ".join(f"{s:.4f}" for s in self.survival)
         priors = ", ".join(f"{q:.3f}" for q in self.worst_prior)
         single = what.split(" ", 1)[1].removesuffix("s")
         return (
-            f"mixture of {what} for {self.ambiguity}: {measure} {low:.4f} ({bound})\n"
+            f"mixture of {what} for {self.ambiguity}: {self.measure} {low:.4f} ({bound})\n"
             f"best single {single} found {self.pure_value:.4f}, with the case known "
             f"{self.known_value:.4f}\n"
-            f"weights: {chosen}\n{measure} by case: {cases}; worst prior: {priors}"
+            f"weights: {chosen}\n{self.measure} by case: {cases}; worst prior: {priors}"
             + (f"\n{self.note}" if self.note else "")
         )
 

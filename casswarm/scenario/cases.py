@@ -6,6 +6,7 @@ prior over them. Each is an ordinary scenario; parts that treat one hazard refus
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -56,7 +57,7 @@ def weighted(scenario: Scenario, weights: ArrayLike) -> HazardTable:
     table = scenario.hazard_table
     possible = np.flatnonzero(weights)
     if len(possible) == 1:
-        return scenario.cases[possible[0]].scenario.hazard_table
+        return scenario.cases[int(possible[0])].scenario.hazard_table
     own = dict(zip(reversed(table.cases), reversed(table.case), strict=True))
     cases = tuple(
         own[case.scenario.hazard_table].model_copy(update={"weight": float(weight)})
@@ -91,43 +92,45 @@ def mean_table(scenario: Scenario, weights: ArrayLike) -> HazardTable:
     """Hazard whose rates are the weighted means of those of the K cases.
 
     Single-agent rates of the built-in kinds are sums over radars and zones, so they are those of
-    all cases together, with strengths and zones' rates times the weights.
-
-    Raises
-    ------
-    ScenarioError
-        Rates of users, or cases that differ in more than radars, zones, their strengths and
-        alpha_1: the mean of these is no hazard of a kind.
+    all cases together, with strengths and zones' rates times the weights. Other means, of rates of
+    users and of other constants, are computed as such: `casswarm.hazard.MeanHazard`.
     """
     tables = [case.scenario.hazard_table for case in scenario.cases]
-    parts = [(t, w) for t, w in zip(tables, np.asarray(weights, float), strict=True) if w > 0]
-    if len(parts) == 1:
-        return parts[0][0]
+    parts = [
+        (t, float(w)) for t, w in zip(tables, np.asarray(weights, float), strict=True) if w > 0
+    ]
     first = parts[0][0]
+    if len(parts) == 1:
+        return first
     cores = {core_radius(scenario.target, table) for table in tables}
-    for key in _EQUAL:
-        if len({getattr(table, key) for table in tables}) > 1 or first.is_custom:
-            what = "rates of users" if first.is_custom else f"cases that differ in hazard.{key}"
-            raise _no_mean(f"{what} have no mean of a built-in kind", key)
-    if len(cores) > 1:
-        raise _no_mean("cases that differ in hazard.core_radius have no mean", "core_radius")
+    differ = [key for key in _EQUAL if len({getattr(table, key) for table, _ in parts}) > 1]
+    if differ or len(cores) > 1 or first.is_custom:
+        return _computed_mean(scenario, parts)
     alpha = first.alpha_1 or 1.0
     merged: dict[str, list[Any]] = {"radars": [], "strengths": [], "radar": [], "zone": []}
     for table, weight in parts:
-        factor = float(weight) * (table.alpha_1 or 1.0) / alpha
+        factor = weight * (table.alpha_1 or 1.0) / alpha
         merged["radars"] += table.radars
         merged["strengths"] += [factor * s for s in table.strengths or (1.0,) * len(table.radars)]
         merged["radar"] += [_scaled(radar, "strength", factor) for radar in table.radar]
-        merged["zone"] += [_scaled(zone, "rate", float(weight)) for zone in table.zone]
+        merged["zone"] += [_scaled(zone, "rate", weight) for zone in table.zone]
     lists = {key: tuple(values) for key, values in merged.items()}
     lists["strengths"] = lists["strengths"] or None  # type: ignore[assignment]
     return HazardTable.model_construct(**first.given | {"core_radius": cores.pop()} | lists)
 
 
+def _computed_mean(scenario: Scenario, parts: Sequence[tuple[HazardTable, float]]) -> HazardTable:
+    """Hazard of the mean of hazards of any kinds."""
+    from ..hazard import MeanHazard  # imports CasADi
+
+    folder, dt = scenario._context.get("folder"), scenario.time.dt
+    hazards = [table.build(core_radius(scenario.target, table), folder, dt) for table, _ in parts]
+    total = sum(weight for _, weight in parts)
+    shares = tuple(weight / total for _, weight in parts)
+    given = {"hazards": tuple(hazards), "weights": shares}
+    return HazardTable.model_construct(kind=MeanHazard, parameters=given)
+
+
 def _scaled(table: Any, key: str, factor: float) -> Any:
     """A radar or zone with a value times a factor."""
     return table.model_copy(update={key: factor * getattr(table, key)})
-
-
-def _no_mean(reason: str, key: str) -> ScenarioError:
-    return ScenarioError(f"{reason}: choose another ambiguity or belief", key=f"hazard.{key}")

@@ -256,16 +256,16 @@ class Scenario(Displayed, Table):
         return self.of_mean_rates([case.weight for case in self.cases])
 
     def with_prior(self, weights: ArrayLike) -> Scenario:
-        """The scenario with other prior weights (K,) of its cases; itself if the hazard is known."""
+        """The scenario with other prior weights (K,) of its cases; itself if it has one.
+
+        Cases of weight 0 are left out.
+        """
         return self if len(self.cases) == 1 else self.with_hazard_table(weighted(self, weights))
 
     def of_mean_rates(self, weights: ArrayLike) -> Scenario:
-        """The scenario with the weighted mean (K,) of the rates of its cases, where it has a kind.
+        """The scenario with the weighted mean (K,) of the rates of its cases.
 
-        Raises
-        ------
-        ScenarioError
-            Rates of users, or cases that differ in more than radars, zones and their strengths.
+        It is of their kind if they differ in radars, zones, strengths and alpha_1 only.
         """
         return self.with_hazard_table(mean_table(self, weights))
 

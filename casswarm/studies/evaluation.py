@@ -1,12 +1,11 @@
-"""Exact laws of policies and their gradients, estimates for large swarms, optima of two members."""
+"""Exact laws of policies and their gradients, and estimates for large swarms."""
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,17 +22,12 @@ from .._util.settings import (
     given_values,
 )
 from .._util.text import counted
-from ..bounds import PairBound, pair_bound, require_pair
-from ..bounds.success_bound import success_bound
 from ..chain.distribution import Estimate, OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, sample_residual
 from ..chain.gradient import success_and_gradient
 from ..chain.monte_carlo import Chain
 from ..errors import CasswarmWarning, PolicyError
-from ..guide.agent import initial_velocities
 from ..guide.guide import Guide
-from ..guide.plan import plan
-from ..policies import make_policy
 from ..policies.parametric import ParametricPolicy
 from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
@@ -51,15 +45,12 @@ TOLERANCE = 1e-3
 MAX_STATES = 1_000_000
 MAX_STATES_OF_LARGE = 10_000  # with more than MAX_MEMBERS members
 MAX_STATES_OF_GRADIENT = 200_000
-TIME_LIMIT = 60.0
 
 MAX_PRUNED_FRACTION = 1e-5
 """Largest fraction of a state's probability that an estimate prunes when it splits the state."""
 
 VISITS = 2.0
 """Expected visits by R plain runs to the least probable state that is enumerated."""
-
-_UNLIMITED = 8.0  # ||V - V'||^2 <= 8 v_max^2 for any two velocities
 
 
 def evaluate(
@@ -97,8 +88,9 @@ def evaluate(
         Values of `Accuracy` and `Execution`, in these records or as plain keywords:
 
         - `max_states`, by default a million, or ten thousand with more than 12 members, for every
-          case of a hazard that is not known. If that is too few for `tolerance`, the bounds are wider: `OutcomeDistribution.residual_mass` is
-          their width, and `OutcomeDistribution.advice` says what would help.
+          case of a hazard that is not known. If that is too few for `tolerance`, the bounds are
+          wider: `OutcomeDistribution.residual_mass` is their width, and
+          `OutcomeDistribution.advice` says what would help.
         - `aggregation_tol`, the largest spacing of the lattice of positions, in units of length.
           The policy's commands are rounded so that members move to lattice points, within v_max and
           a_max, and nearly equal states coincide. The bounds are proven for the policy with these
@@ -453,7 +445,7 @@ def success_gradient(
         for case in scenario.cases
     ]
     parts = [success_and_gradient(each, policy, arrival_smoothing) for each in expansions]
-    means = parts[0]
+    means: Any = parts[0]
     if len(parts) > 1:  # all are linear in the prior
         weights = [case.weight for case in scenario.cases]
         columns = zip(*parts, strict=True)
@@ -484,123 +476,3 @@ def _require_fit(scenario: Scenario, policy: ParametricPolicy) -> None:
             scenario=scenario.name,
         )
     _require_few(scenario, "gradients are", "take fewer members")
-
-
-@dataclass(frozen=True)
-class OptimalValue:
-    """Brackets of the success probability of the best policy of two members.
-
-    Parameters
-    ----------
-    success : Interval
-        With the scenario's limit of acceleration: the exact law of the policy ``"optimal"``, and a
-        bound that no policy exceeds.
-    unlimited : Interval
-        The same without a limit of acceleration.
-    bounds : tuple of PairBound
-        The proofs of the upper ends: without the limit and, unless it cannot bind, with it. Where a
-        bracket is not closed and `success_bound` is smaller, that is its upper end.
-    seconds : float
-    """
-
-    success: Interval
-    unlimited: Interval
-    bounds: tuple[PairBound, ...]
-    seconds: float
-
-    def __str__(self) -> str:
-        low, high = self.success
-        free_low, free_high = self.unlimited
-        return (
-            f"optimal success between {low:.4f} and {high:.4f}; without a limit of acceleration "
-            f"between {free_low:.4f} and {free_high:.4f}"
-        )
-
-
-def optimal_value(
-    scenario: Scenario,
-    tolerance: float = TOLERANCE,
-    *,
-    time_limit: float = TIME_LIMIT,
-    guide: Guide | None = None,
-    delay: int | Literal["never"] | None = None,
-) -> OptimalValue:
-    """Bracket the success probability of the best policy of two members, feedback included.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Of two members.
-    tolerance : float
-        Width of a bracket at which its refinement ends.
-    time_limit : float
-        Seconds for the upper ends. How far they are refined depends on the machine.
-    guide : Guide, optional
-        Provides V(-1) if the scenario leaves that to the guide; planned by default.
-    delay : int or "never", optional
-        Number of steps after which losses are known, by default the scenario's. The lower ends are
-        those of policies that get news so late; the upper ends are of policies that know losses at
-        once, which can ignore what they know too early.
-
-    Returns
-    -------
-    OptimalValue
-
-    Raises
-    ------
-    PlanningError
-        Another number of members, or a hazard without bounds of the rates of two members.
-    ValueError
-        A tolerance or time limit that is negative or NaN.
-
-    Examples
-    --------
-    >>> import casswarm as csw
-    >>> from casswarm.scenario.variations import with_parameters
-    >>> scenario = with_parameters(csw.load_scenario("gauntlet"), {"n": 2, "time.t_f": 5.3})
-    >>> low, high = csw.optimal_value(scenario, time_limit=1.0).success
-    >>> 0 < low <= high <= 1
-    True
-    """
-    require_scenario("optimal_value", scenario)
-    if delay is not None:
-        scenario = scenario.replace(information={"delay": delay})
-    require_pair(scenario)
-    for name, value in (("tolerance", tolerance), ("time_limit", time_limit)):
-        if not value >= 0:
-            raise ValueError(f"{name} = {value}; allowed: numbers from 0")
-    started = time.monotonic()
-    guide = plan(scenario, certify=False) if guide is None else guide
-    velocities = initial_velocities(scenario, guide)
-    largest = _UNLIMITED * scenario.swarm.v_max**2
-    free = scenario.with_values(
-        {
-            "swarm.a_max": max(largest, scenario.swarm.a_max),
-            "swarm.velocity": velocities[0].tolist(),
-            "guide.a_max": None,
-        }
-    )
-    known = _success(scenario, guide)
-    limited = scenario.swarm.a_max < largest
-    free_known = max(known, _success(free, plan(free, certify=False)) if limited else known)
-    deadline = time.monotonic() + time_limit
-    share = time_limit / 2 if limited else time_limit
-    bounds = [pair_bound(free, free_known, tolerance=tolerance, time_limit=share)]
-    if limited and bounds[0].value - known > tolerance:
-        left = max(0.0, deadline - time.monotonic())
-        limits: dict[str, Any] = {"tolerance": tolerance, "time_limit": left}
-        bounds.append(pair_bound(scenario, known, initial_velocities=velocities, **limits))
-    highest = min(bound.value for bound in bounds)
-    general = success_bound(scenario).value if highest - known > tolerance else 1.0
-    return OptimalValue(
-        Interval(known, min(highest, general)),
-        Interval(free_known, min(bounds[0].value, general)),
-        tuple(bounds),
-        time.monotonic() - started,
-    )
-
-
-def _success(scenario: Scenario, guide: Guide) -> float:
-    """Lower bound of the exact success probability of the policy optimal."""
-    policy = make_policy("optimal", scenario, guide)
-    return float(evaluate(scenario, policy, tolerance=0.0, guide=guide).success.low)

@@ -1,4 +1,4 @@
-"""What it is worth to know an unknown hazard: success by the prior, the posterior, the true case."""
+"""What it is worth to know a hazard: success by the prior, the posterior and the true case."""
 
 from __future__ import annotations
 
@@ -85,11 +85,15 @@ def value_of_information(
     True
     """
     require_scenario("value_of_information", scenario)
-    values = given_values("value_of_information", accuracy, execution, plain=plain, **EXACT, progress=None)
+    values = given_values(
+        "value_of_information", accuracy, execution, plain=plain, **EXACT, progress=None
+    )
     *exact, progress = values
     names = policy_list(policies)
     if not all(isinstance(name, str) for name in names):
-        raise PolicyError("value_of_information takes names of policies: objects are made for one scenario")
+        raise PolicyError(
+            "value_of_information takes names of policies: objects are made for one scenario"
+        )
     if len(scenario.cases) == 1:
         raise ScenarioError(
             f"scenario '{scenario.name}' has a known hazard, so there is nothing to learn: give it "

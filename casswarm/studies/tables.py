@@ -212,9 +212,7 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([table.loc[:, :"success"], bounds, table.loc[:, "survivors_mean":]], axis=1)
 
 
-def with_cases(
-    summary: pd.DataFrame, runs: pd.DataFrame, weights: Sequence[float]
-) -> pd.DataFrame:
+def with_cases(summary: pd.DataFrame, runs: pd.DataFrame, weights: Sequence[float]) -> pd.DataFrame:
     """A summary of runs for the prior over the cases of a hazard, and one of those in each case.
 
     Rows as of `summarise`, with the columns case ("prior", "0", "1", ...) and weight.

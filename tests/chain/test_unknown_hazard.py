@@ -96,10 +96,11 @@ def posterior(prior, survival, alive, survived):
     """Bayes' rule, one factor after another."""
     weights = []
     for weight, probabilities in zip(prior, survival, strict=True):
+        product = weight
         for p, before, after in zip(probabilities, alive, survived, strict=True):
             if before:
-                weight *= p if after else 1.0 - p
-        weights.append(weight)
+                product *= p if after else 1.0 - p
+        weights.append(product)
     return np.array(weights) / sum(weights)
 
 
@@ -179,7 +180,9 @@ def test_order_of_cases_changes_nothing() -> None:
             for one in (TWO, turned)
         )
         assert ours.success.low == pytest.approx(theirs.success.low, abs=2e-3)
-        assert ours.cases[0][1].success.low == pytest.approx(theirs.cases[1][1].success.low, abs=2e-3)
+        assert ours.cases[0][1].success.low == pytest.approx(
+            theirs.cases[1][1].success.low, abs=2e-3
+        )
     bounds = [csw.success_bound(one, 20_000, max_work=1e5) for one in (TWO, turned)]
     assert bounds[0].value == pytest.approx(bounds[1].value, rel=1e-12)
 
@@ -246,6 +249,14 @@ def test_what_beliefs_do_not_treat_is_refused_by_name() -> None:
     assert caught.value.key == "information.delay"
     with pytest.raises(ScenarioError, match="2 cases"):
         csw.make_policy("optimal", pair(hazard__radars=None, hazard__case=[LEFT, RIGHT]))
-    other = unknown().with_values({"hazard.case": [LEFT, RIGHT | {"alpha_3": 2.0}]})
-    with pytest.raises(ScenarioError, match="have no mean"):
-        csw.simulate(other, "leader", 5)
+
+
+@pytest.mark.parametrize("belief", ["prior", "bayes"])
+def test_cases_of_other_constants_have_a_computed_mean(belief: str) -> None:
+    other = unknown(2, 6).with_values({"hazard.case": [LEFT, RIGHT | {"alpha_3": 2.0}]})
+    other = other.replace(formation={"belief": belief})
+    guide = csw.plan(other.believed, certify=False)
+    law = csw.evaluate(other, "constrained", 0.05, guide=guide)
+    row = csw.simulate(other, "constrained", 300, guide=guide).summary.iloc[0]
+    assert row["success_low"] <= law.success.high
+    assert row["success_high"] >= law.success.low

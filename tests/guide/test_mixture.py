@@ -109,6 +109,30 @@ def test_case_of_weight_zero_changes_the_mean_by_nothing() -> None:
     assert worst.value.high < mixed.value.low
 
 
+def test_mixture_of_least_risk_is_between_proven_ends() -> None:
+    scenario = gaps()
+    mixed = csw.plan(scenario, ambiguity="worst", objective="risk", gap=0.005)
+    low, high = mixed.value
+    assert 0 < low <= high <= low * 1.01
+    risks = -np.log(mixed.survivals)
+    np.testing.assert_allclose(mixed.weights @ risks, high, rtol=1e-4)  # equal in both cases
+    np.testing.assert_allclose(mixed.worst_prior, 0.5, atol=0.01)
+    assert mixed.known_value <= high <= mixed.pure_value
+    for path, own in zip(mixed.paths, risks, strict=True):
+        rates = [case.scenario.rates_along(path.positions).sum() for case in scenario.cases]
+        np.testing.assert_allclose(own, 0.33 * np.array(rates), rtol=1e-12)
+    assert "risk by case" in str(mixed)
+    # against the mean it is the guide of the mean rates, which nobody improves by lot
+    mean = csw.plan(scenario, ambiguity="mean", objective="risk")
+    guide = csw.plan(scenario, objective="risk")
+    assert len(mean.paths) == 1
+    assert mean.value.high == pytest.approx(guide.risk, rel=1e-6)
+    assert mean.value.low <= guide.risk
+    assert high >= mean.value.low
+    one = csw.plan(scenario.cases[0].scenario, ambiguity="worst", objective="risk")
+    assert one.value.high == one.pure_value == one.pure.risk
+
+
 def test_risk_is_the_guide_of_the_mean_rates() -> None:
     scenario = gaps(weights=(3.0, 1.0))
     guide = csw.plan(scenario, objective="risk")

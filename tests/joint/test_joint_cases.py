@@ -7,7 +7,7 @@ import pytest
 from small_scenarios import small
 
 import casswarm as csw
-from casswarm.errors import PlanningError, ScenarioError, SolverError
+from casswarm.errors import PlanningError, ScenarioError
 from casswarm.joint import CasesDistribution, PlanTree, plan_law
 
 WALL = [[1.5, y] for y in (-2.0, -1.2, -0.4, 0.4, 1.2, 2.0)]
@@ -49,7 +49,7 @@ def test_plan_is_at_least_as_good_as_those_of_other_hazards(plan: csw.SwarmPlan)
         assert plan.value >= 1.0 - plan_law(scenario, positions).failure - 1e-6
 
 
-def test_survivors_replan_for_the_posterior_and_are_no_worse(plan: csw.SwarmPlan) -> None:
+def test_survivors_replan_for_the_posterior_and_are_no_worse() -> None:
     scenario = gaps(3)
     first = csw.plan_swarm(scenario, certify=False)
     again = csw.evaluate(scenario, "joint-replanning", 0.0)
@@ -72,7 +72,7 @@ def test_survivors_replan_for_the_posterior_and_are_no_worse(plan: csw.SwarmPlan
 @pytest.mark.slow
 def test_mixture_against_the_worst_prior() -> None:
     scenario = gaps()
-    mixed = csw.plan_swarm(scenario, ambiguity="worst")
+    mixed = csw.plan_swarm_mixture(scenario, "worst")
     mean = csw.plan_swarm(scenario, certify=False).value
     assert mixed.pure_value <= mixed.value.low <= mean + 1e-4
     assert mixed.value.low <= mixed.value.high
@@ -85,7 +85,7 @@ def test_mixture_against_the_worst_prior() -> None:
     # mirrored about the way, and with the cases in the other order
     tables = list(scenario.hazard_table.case)
     other = scenario.with_values({"hazard.case": [dict(t.given) for t in reversed(tables)]})
-    turned = csw.plan_swarm(other, ambiguity="worst", certify=False)
+    turned = csw.plan_swarm_mixture(other, "worst", certify=False)
     assert turned.value.low == pytest.approx(mixed.value.low, abs=2e-3)
 
 
@@ -105,24 +105,24 @@ def test_images_have_equal_plans(plan: csw.SwarmPlan) -> None:
 
 
 def test_mixture_of_the_mean_is_one_plan(plan: csw.SwarmPlan) -> None:
-    mixed = csw.plan_swarm(gaps(), ambiguity="mean", certify=False)
+    mixed = csw.plan_swarm_mixture(gaps(), "mean", certify=False)
     assert mixed.value.low == pytest.approx(plan.value, abs=1e-9)
     assert mixed.weights.tolist() == [1.0]
     assert str(mixed).startswith("mixture of 1 joint plan for mean: success")
     assert "best single joint plan" in str(mixed)
-    known = csw.plan_swarm(gaps().cases[0].scenario, ambiguity="worst", certify=False)
+    known = csw.plan_swarm_mixture(gaps().cases[0].scenario, "worst", certify=False)
     assert known.survivals.shape == (1, 1)
     assert mixed.plot(gaps()) is not None
 
 
 def test_wrong_requests_are_refused() -> None:
-    with pytest.raises(SolverError, match="mixture of plans"):
-        csw.plan_swarm(gaps(), "survivors", ambiguity="worst")
+    with pytest.raises(TypeError, match="takes no 'objective'; allowed: guide"):
+        csw.plan_swarm_mixture(gaps(), objective="survivors")
     with pytest.raises(PlanningError, match="ambiguity = 'best'"):
-        csw.plan_swarm(gaps(), ambiguity="best")  # type: ignore[call-overload]
+        csw.plan_swarm_mixture(gaps(), "best")
     positions = [[0.02 * k, 0.0] for k in range(11)]
     many = gaps().with_values({"swarm.positions": positions})
     with pytest.raises(PlanningError, match="at most 10"):
-        csw.plan_swarm(many.cases[0].scenario, ambiguity="worst")
-    with pytest.raises(ScenarioError, match="2 cases of its .* more than 10 members treats only"):
+        csw.plan_swarm_mixture(many.cases[0].scenario)
+    with pytest.raises(ScenarioError, match=r"2 cases of its .* more than 10 members treats only"):
         csw.plan_swarm(many)

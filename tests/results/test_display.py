@@ -20,8 +20,8 @@ RESULTS = {
     "Scenario": lambda scenario, guide: scenario,
     "Guide": lambda scenario, guide: guide,
     "MixedGuide": lambda scenario, guide: csw.plan(scenario, ambiguity="mean", certify=False),
-    "MixedPlan": lambda scenario, guide: csw.plan_swarm(
-        scenario, guide=guide, ambiguity="mean", certify=False, time_limit=1.0
+    "MixedPlan": lambda scenario, guide: csw.plan_swarm_mixture(
+        scenario, "mean", guide=guide, certify=False, time_limit=1.0
     ),
     "SwarmPlan": lambda scenario, guide: csw.plan_swarm(scenario, guide=guide, time_limit=1.0),
     "Study": lambda scenario, guide: csw.simulate(scenario, ["naive", "leader"], 20, guide=guide),

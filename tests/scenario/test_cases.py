@@ -8,6 +8,7 @@ from small_scenarios import abreast, colliding
 
 import casswarm as csw
 from casswarm.errors import ScenarioError
+from casswarm.hazard import MeanHazard
 
 BASE = abreast(2)
 LEFT, RIGHT = {"radars": [[1.0, 0.9]], "weight": 3.0}, {"radars": [[1.0, -0.9], [2.0, 1.0]]}
@@ -53,11 +54,29 @@ def test_mean_rates_are_the_weighted_means() -> None:
     assert alone.hazard == two.cases[1].scenario.hazard
 
 
-def test_mean_of_other_kinds_is_refused() -> None:
+def test_mean_of_other_kinds_is_computed() -> None:
+    rng, weights = np.random.default_rng(1), np.array([0.3, 0.7])
     other = TWO.with_values({"hazard.case": [LEFT, RIGHT | {"alpha_3": 2.0}]})
-    with pytest.raises(ScenarioError, match=r"differ in hazard\.alpha_3 have no mean") as caught:
-        other.of_mean_rates([0.5, 0.5])
-    assert caught.value.key == "hazard.alpha_3"
+    mean = other.of_mean_rates(weights)
+    assert isinstance(mean.hazard, MeanHazard)
+    states, alive = rng.uniform(-1, 4, (20, 2, 2)), rng.random((20, 2)) < 0.7
+    each = [case.scenario.hazard for case in other.cases]
+    expected = sum(w * h.rates(states, alive) for w, h in zip(weights, each, strict=True))
+    np.testing.assert_allclose(mean.hazard.rates(states, alive), expected, rtol=1e-13)
+    points = states[:, 0]
+    single = sum(w * h.single_agent_rates(points) for w, h in zip(weights, each, strict=True))
+    np.testing.assert_allclose(mean.hazard.single_agent_rates(points), single, rtol=1e-13)
+    low = mean.hazard.single_agent_lower_bound(points - 0.2, points + 0.2)
+    assert low is not None
+    assert (low <= single).all()
+    guide = csw.plan(mean)
+    assert guide.risk_bound is not None
+    assert 0.9 * guide.risk < guide.risk_bound <= guide.risk
+    # the same field, once as a mean of hazards and once as one with the radars of both
+    plain = TWO.of_mean_rates(weights).hazard
+    tables = [case.scenario.hazard for case in TWO.cases]
+    computed = MeanHazard(tuple(tables), tuple(weights))
+    np.testing.assert_allclose(computed.rates(states, alive), plain.rates(states, alive))
 
 
 @pytest.mark.parametrize(
