@@ -37,11 +37,14 @@ class CompiledObjective:
         Whether it is for `LARGE_SWARM` members (pairs of coordinates of x) or more. Where
         `gradient` has 5n entries, it then also writes the second derivatives (xx, xy, yy) of
         every member, which precondition Newton steps.
+    starts : int
+        Number of initial guesses that its problems are worth: see `StartCount`.
     """
 
     source: str
     constants: FloatArray
     large: bool
+    starts: int = 1
 
     @property
     def evaluate(self) -> Any:
@@ -110,4 +113,4 @@ def formation_objective(hazard: Hazard, n: int) -> CompiledObjective | None:
     """
     large = n >= LARGE_SWARM
     found = rate_module(hazard, *(MANY if large else FEW), reordering=large)
-    return None if found is None else CompiledObjective(*found, large)
+    return None if found is None else CompiledObjective(*found, large, starts_for(hazard))

@@ -28,7 +28,7 @@ from typing_extensions import override
 from ..compiled.parallel import execute
 from ..formation.auto import Auto
 from ..formation.horizon import corridor_mpc_formation, leader_mpc_formation
-from ..formation.objective import formation_objective, start_count, starts_for
+from ..formation.objective import formation_objective, start_count
 from ..formation.projected_gradient import SpectralProjectedGradient
 from ..formation.task import FOLLOWER_WEIGHT, LEADER_SELECTION, Formation, FormationTask, or_none
 from ..grid import ValueFunction
@@ -191,8 +191,8 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     The default solver's batch method does so in one pass over the states. Those that it does not
     solve to tolerance, and all states for other solvers, are solved as `applied_decision` does.
     """
-    hazard, (batch, n) = task.step.hazard, task.step.alive.shape
-    compiled, starts = formation_objective(hazard, n), starts_for(hazard)
+    batch, n = task.step.alive.shape
+    compiled = formation_objective(task.step.hazard, n)
     if compiled is None or not _is_default(solver):
         return applied_decision(task.step, task.formation(), solver)
     from ..formation.state_kernels import Limits, StepResults, decide_states
@@ -204,6 +204,7 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
         np.empty(batch, bool),
     )
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
+    starts = compiled.starts
     method = solver.batch.method(starts, n)
     problems = compiled.evaluate, compiled.constants, task.states, task.terms
     arguments = *problems, method, limits, results
