@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -37,10 +37,33 @@ def mixtures(rng: Rng) -> Iterator[Check]:
     low, high = mixed.value
     worst = min(float(q @ mean) for q in _priors(rng, ambiguity, prior))
     yield Check("mixtures, lower end", low - worst, 1e-12 + 1e-9 * low, f"{ambiguity}: {worst!r}")
-    best = max(_climbed(rng, scenario.cases[0].scenario, agents, q) for q in (mixed.worst_prior,))
-    detail = f"{ambiguity}: a path of {best!r} against {mixed.worst_prior}, {high!r}"
+    against = mixed.worst_prior
+
+    def mean_survival(velocities: np.ndarray) -> float:
+        return float(against @ [agent.survival(velocities) for agent in agents])
+
+    one = scenario.cases[0].scenario
+    best = _climbed(rng, one, mean_survival)
+    detail = f"{ambiguity}: a path of {best!r} against {against}, {high!r}"
     yield Check("mixtures, upper end", best - high, 1e-12, detail)
     yield Check("mixtures, order", low - high, 0.0, f"{low!r} > {high!r}")
+    free = scenario.replace(guide={"acceleration_limited": False})
+    exposed = csw.plan(free, ambiguity=ambiguity, objective="risk", time_limit=6.0)
+    low, high = exposed.value
+    risks = np.array([[agent.risk(p.velocities) for agent in agents] for p in exposed.paths])
+    mean = exposed.weights @ risks
+    worst = max(float(q @ mean) for q in _priors(rng, ambiguity, prior))
+    yield Check("mixtures, risk above", worst - high, 1e-9 + 1e-9 * high, f"{ambiguity}: {worst!r}")
+    against = exposed.worst_prior
+
+    def mean_risk(velocities: np.ndarray) -> float:
+        return -float(
+            sum(q * agent.risk(velocities) for q, agent in zip(against, agents, strict=True) if q)
+        )
+
+    best = -_climbed(rng, one, mean_risk)
+    detail = f"{ambiguity}: a path of risk {best!r} against {against}, {low!r}"
+    yield Check("mixtures, risk below", low - best, 1e-12 + 1e-12 * low, detail)
 
 
 def cases(rng: Rng) -> Iterator[Check]:
@@ -131,22 +154,22 @@ class _Agent:
 
     def survival(self, velocities: np.ndarray) -> float:
         """Survival of an agent from the guide's start; 0 if it does not arrive."""
+        return float(np.exp(-self.risk(velocities)))
+
+    def risk(self, velocities: np.ndarray) -> float:
+        """Risk of an agent from the guide's start; infinite if it does not arrive."""
         scenario, target = self.scenario, self.scenario.target
         path = [np.array(scenario.guide_start)]
         for velocity in shortened(scenario, velocities, _SPEED)[: scenario.n_steps]:
             path.append(path[-1] + scenario.time.dt * velocity)
             if np.hypot(*(path[-1] - target.center)) <= target.radius:
                 risks = self.rates.along(np.array(path))
-                return float(np.exp(-scenario.time.dt * risks.sum()))
-        return 0.0
+                return float(scenario.time.dt * risks.sum())
+        return np.inf
 
 
-def _climbed(rng: Rng, scenario: csw.Scenario, agents: list[_Agent], prior: np.ndarray) -> float:
-    """The best mean survival of random paths, and of climbs from the best of them."""
-
-    def value(velocities: np.ndarray) -> float:
-        return float(prior @ [agent.survival(velocities) for agent in agents])
-
+def _climbed(rng: Rng, scenario: csw.Scenario, value: Callable[[np.ndarray], float]) -> float:
+    """The best value of random paths, and of climbs from the best of them."""
     paths = list(random_paths(rng, scenario))[:400]
     values = [value(path) for path in paths]
     path, best = paths[int(np.argmax(values))], max(values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,16 +38,21 @@ _SHARE = 0.3  # of the time, for the bound without limits of acceleration if the
 
 
 def certify_guide(
-    scenario: Scenario, guide: Guide, gap: float = GAP, deadline: float | None = None
+    scenario: Scenario,
+    guide: Guide,
+    gap: float = GAP,
+    deadline: float | None = None,
+    others: Sequence[Guide] = (),
 ) -> Certificate | None:
     """Certificate for the guides of a scenario; None if its hazard provides no lower bounds.
 
     The first bound, on the risk of all paths that obey the speed limit, is compared with the best
     known one: the guide itself, or what Ipopt reaches from the best homotopy classes. If it is not
     within `gap` of the guide's risk, and the guide obeys limits of acceleration, the second bound
-    is for the paths that obey them, too. With ``time.substeps`` there is only the first, of paths
-    that may turn and arrive after every part of a step. The `deadline` is a time of
-    `time.monotonic`; by default the proof takes at most 10 seconds.
+    is for the paths that obey them, too, and end as deep in the target as this guide and `others`.
+    With ``time.substeps`` there is only the first, of paths that may turn and arrive after every
+    part of a step. The `deadline` is a time of `time.monotonic`; by default the proof takes at most
+    10 seconds.
 
     Scenarios that differ by quarter turns and mirrors have the same bounds, for the same guide.
     """
@@ -55,7 +61,7 @@ def certify_guide(
         return _certified_for_all(scenario, guide, gap, deadline)
     frame = Frame.of_agent(scenario, guide.positions[0], guide.velocities[0])
     scenario = frame.scenario_in(scenario)
-    guide = frame.guide_to(guide)
+    guide, *others = map(frame.guide_to, (guide, *others))
     task = Relaxation.from_scenario(scenario)
     if not task.bounded:
         return None
@@ -77,7 +83,8 @@ def certify_guide(
     if deadline is None:
         compile_kernels()  # not at the expense of the proof
         deadline = time.monotonic() + TIME_LIMIT - certificate.seconds
-    accelerated = _accelerated(scenario, guide, task, limits, certificate.bound, gap, deadline)
+    proof = task, limits, certificate.bound, gap, deadline
+    accelerated = _accelerated(scenario, guide, others, *proof)
     return replace(certificate, accelerated=accelerated)
 
 
@@ -149,15 +156,17 @@ def _obeyed_limits(scenario: Scenario, guide: Guide) -> AccelerationLimits | Non
 def _accelerated(
     scenario: Scenario,
     guide: Guide,
+    others: Sequence[Guide],
     task: Relaxation,
     limits: AccelerationLimits,
     known: float,
     gap: float,
     deadline: float,
 ) -> AccelerationBound:
-    """Bound on the paths within the limits that end as deep in the target as guides do."""
+    """Bound on the paths within the limits that end as deep in the target as all guides do."""
     radius = task.radius - scenario.arrival_margin
-    depth = float(np.hypot(*(guide.positions[-1] - task.center))) * (1 + 8 * UNIT)
+    ends = np.array([each.positions[-1] for each in (guide, *others)]) - task.center
+    depth = float(np.hypot(*ends.T).max()) * (1 + 8 * UNIT)
     task = replace(task, radius=max(radius, depth))
     best = guide.risk
     if guide.search != "global":

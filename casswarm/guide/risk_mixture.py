@@ -3,9 +3,12 @@
 Means of risks are linear in the prior: against a prior q the best path is the guide for the mean
 rates sum_k q_k rate_k, an ordinary hazard, with its certificate. So a certificate against any prior
 in Q is a lower end of the game's value, and the mean risk of any mixture against the worst prior an
-upper one. See Gilles and Vladimirsky, *Evasive path planning under surveillance uncertainty*,
-arXiv 1812.10620, and Cartee, Lai, Song and Vladimirsky, *Time-dependent surveillance-evasion
-games*, arXiv 1903.01332.
+upper one. With limits of acceleration the lower end is of guides that end as deep in the target as
+all paths of the mixture.
+
+See Gilles and Vladimirsky, *Evasive path planning under surveillance uncertainty*, arXiv
+1812.10620, and Cartee, Lai, Song and Vladimirsky, *Time-dependent surveillance-evasion games*,
+arXiv 1903.01332.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ import numpy as np
 from ..errors import PlanningError
 from ..scenario import Scenario
 from ..scenario.ambiguity import Ambiguity, of_game
+from ..scenario.variations import require_default
 from ..typing import FloatArray, Interval, Progress
 from .agent import plan_from
 from .certificate import TIME_LIMIT, certify_guide
@@ -45,8 +49,9 @@ def plan_risk_mixture(
     PlanningError
         No guide for the mean rates arrives.
     ScenarioError
-        Rates whose mean is no hazard of a kind.
+        Several target zones.
     """
+    require_default(scenario, "target.other", "a mixture of guides")
     deadline = math.inf if time_limit is None else time.monotonic() + time_limit
     prior = np.array([case.weight for case in scenario.cases])
     paths = _Paths(scenario, deadline)
@@ -110,7 +115,8 @@ def _mixed(
         mean = paths.scenario.of_mean_rates(worst)
         best = replace(best, rates=mean.for_guide.rates_along(best.positions))
         limit = time.monotonic() + TIME_LIMIT if deadline == math.inf else deadline
-        certificate = certify_guide(mean, best, gap, limit)
+        kept = [paths.guides[row] for row in rows]
+        certificate = certify_guide(mean, best, gap, limit, others=kept)
         low = 0.0 if certificate is None else certificate.risk_bound
     fields |= {"value": Interval(min(low, high), high), "survivals": np.exp(-table[rows])}
     single = [ambiguity.least(-row, prior) for row in table]
