@@ -103,13 +103,13 @@ def cases(rng: Rng) -> Iterator[Check]:
 
 
 def _with_cases(rng: Rng, scenario: csw.Scenario) -> csw.Scenario:
-    """The scenario with up to four cases, whose radars are elsewhere."""
+    """The scenario with up to six cases, whose radars are elsewhere."""
     radars = np.array(scenario.hazard_table.radars, float).reshape(-1, 2)
     if not len(radars):
         raise Skip("no radars at rest")
     extent = float(np.abs(scenario.positions - np.array(scenario.target.center)).max())
     cases = []
-    for _ in range(int(rng.integers(2, 5))):
+    for _ in range(int(rng.integers(2, 7))):
         noise = 10 ** rng.uniform(-2, -0.3) * extent * rng.normal(size=radars.shape)
         shift = noise * (rng.random((len(radars), 1)) < 0.7)
         weight = 0.0 if rng.random() < 0.1 else float(10 ** rng.uniform(-1, 1))

@@ -36,7 +36,7 @@ from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
 from ..typing import FloatArray, Interval, Progress
 from .agent import plan_from
-from .certificate import TIME_LIMIT, certify_guide
+from .certificate import TIME_LIMIT
 from .guide import Candidate, Guide
 from .multistart import GridPath, Multistart
 
@@ -59,7 +59,7 @@ class MixedGuide(Mixture, Displayed):
     pure : Guide
         The best single guide that is known.
     bound : MixtureBound, optional
-        Details of the proof, up to four cases.
+        Details of the proof, up to four cases; with more, `note` has how they are divided.
     objective : {"survival", "risk"}
         With ``"risk"``, `value`, `pure_value` and `known_value` are the largest mean risks over Q:
         that of this mixture is the upper end of `value`, and the lower one is proven.
@@ -302,7 +302,7 @@ def plan_mixture(
     if progress is not None:
         progress("proving an upper bound", 0, None)
     limit = TIME_LIMIT if time_limit is None else max(0.0, deadline - time.monotonic())
-    return _certified(game, mixed, guides, gap, limit)
+    return _certified(game, mixed, gap, limit)
 
 
 def _mixed_guide(game: _Game, guides: Sequence[Guide]) -> MixedGuide:
@@ -334,35 +334,51 @@ def _guide(game: _Game, candidate: Candidate) -> Guide:
     )
 
 
-def _certified(
-    game: _Game, mixed: MixedGuide, guides: Sequence[Guide], gap: float, time_limit: float
-) -> MixedGuide:
-    """The mixture with a proven upper end of its value.
+def _certified(game: _Game, mixed: MixedGuide, gap: float, time_limit: float) -> MixedGuide:
+    """The mixture with a proven upper end of its value, without limits of acceleration.
 
-    Up to four cases it is the best value against the worst prior, without limits of acceleration;
-    else the least mean over Q of the bounds of single cases.
+    Up to four cases it is the best value against the worst prior. More are divided into groups: an
+    agent that knows the group of the true case has at least the value of one that does not.
     """
     tasks = [Relaxation.from_scenario(case, game.task.start) for case in game.cases]
     if not all(task.bounded for task in tasks):
         return replace(mixed, note="not certified: the rates have no lower bounds")
-    rows = np.flatnonzero(mixed.worst_prior > 0)
-    if len(rows) > MAX_CASES:
-        # of all paths: those of the mixture may end less deep in the target than a guide
-        free = [case.replace(guide={"acceleration_limited": False}) for case in game.cases]
-        share = time.monotonic() + np.linspace(0, time_limit, len(guides) + 1)[1:]
-        proofs = zip(free, guides, share, strict=True)
-        found = [certify_guide(case, guide, gap, float(end)) for case, guide, end in proofs]
-        bounds = np.array([math.exp(-each.risk_bound) if each else 1.0 for each in found])
-        high = game.ambiguity.least(np.minimum(1.0, bounds * (1 + 1e-14)), game.prior)
-        note = "bounded even if the case were known: with more than four cases this is loose"
-        return replace(mixed, value=Interval(mixed.value.low, high), note=note)
-    prior = mixed.worst_prior[rows]
-    multiplier = _multiplier(game, mixed, tasks)
-    options: dict[str, Any] = {"gap": gap, "time_limit": time_limit}
-    chosen = [tasks[row] for row in rows]
-    bound = mixture_bound(chosen, prior, mixed.value.low, multiplier, **options)
-    limits = "" if np.isinf(game.task.a_max) else "the bound ignores limits of acceleration"
-    return replace(mixed, value=Interval(mixed.value.low, bound.value), bound=bound, note=limits)
+    prior, table = mixed.worst_prior, np.array(game.survivals)
+    multiplier, groups = _multiplier(game, mixed, tasks), _groups(table * prior)
+    bounds = []
+    for rows in groups:
+        known = float((table[:, rows] @ prior[rows]).max())
+        limits: dict[str, Any] = {"gap": gap, "time_limit": time_limit / len(groups)}
+        own = [tasks[row] for row in rows]
+        bounds.append(mixture_bound(own, prior[rows], known, multiplier, **limits))
+    high = bounds[0].value
+    notes = [] if np.isinf(game.task.a_max) else ["the bound ignores limits of acceleration"]
+    if len(groups) > 1:
+        high = min(1.0, math.fsum(bound.value for bound in bounds) * (1 + 1e-14))
+        cases = " and ".join("/".join(map(str, rows)) for rows in groups)
+        notes.append(f"it is of an agent that knows in which of these groups the case is: {cases}")
+    bound = bounds[0] if len(groups) == 1 else None
+    value = Interval(mixed.value.low, max(high, mixed.value.low))
+    return replace(mixed, value=value, bound=bound, note="; ".join(notes))
+
+
+def _groups(values: FloatArray) -> list[list[int]]:
+    """Groups of at most four of the cases that count, from the values (P, K) of paths.
+
+    To a group are added the cases for which its best path is the worst: knowing them apart would
+    gain the most.
+    """
+    left = [int(row) for row in np.argsort(-values.max(axis=0), kind="stable")]
+    left = [row for row in left if values[:, row].max() > 0]
+    groups = []
+    while left:
+        group = [left.pop(0)]
+        while left and len(group) < MAX_CASES:
+            together = values[:, group].sum(axis=1)[:, None] + values[:, left]
+            apart = values[:, group].sum(axis=1).max() + values[:, left].max(axis=0)
+            group.append(left.pop(int((apart - together.max(axis=0)).argmax())))
+        groups.append(sorted(group))
+    return groups
 
 
 def _multiplier(game: _Game, mixed: MixedGuide, tasks: Sequence[Relaxation]) -> float:

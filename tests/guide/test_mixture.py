@@ -154,13 +154,26 @@ def test_limits_of_acceleration_hold_and_are_said() -> None:
     assert mixed.value.low < mixed.value.high
 
 
-def test_more_than_four_cases_have_a_loose_bound_and_say_so() -> None:
+def test_more_than_four_cases_are_bounded_by_groups_and_say_so() -> None:
     base = small([(0.0, 0.0)], (3.0, 0.0), [(9.0, 9.0)], 7, **FREE)
     places = [[1.5, y] for y in (-0.5, -0.25, 0.0, 0.25, 0.5)]
     scenario = base.with_values({"hazard.case": [{"radars": [place]} for place in places]})
     mixed = csw.plan(scenario, ambiguity="mean")
-    assert "even if the case were known" in mixed.note
-    assert mixed.value.low <= mixed.known_value <= mixed.value.high
+    assert "knows in which of these groups the case is" in mixed.note
+    groups = [list(map(int, each.split("/"))) for each in mixed.note.split(": ")[1].split(" and ")]
+    assert sorted(itertools.chain(*groups)) == list(range(5))
+    assert max(map(len, groups)) == 4
+    assert mixed.value.low <= mixed.value.high < mixed.known_value
+    # a group of its own is bounded by the same number
+    own = [
+        0.2
+        * len(group)
+        * csw.plan(
+            scenario.with_prior([float(k in group) for k in range(5)]), ambiguity="mean"
+        ).value.low
+        for group in groups
+    ]
+    assert sum(own) <= mixed.value.high * (1 + 1e-9)
 
 
 def test_wrong_arguments_are_refused() -> None:
