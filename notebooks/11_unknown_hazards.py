@@ -107,17 +107,17 @@ law = csw.evaluate(scenario, "leader", 1e-2)
 print(law)
 
 # %% [markdown]
-# A joint plan maximises the success for the prior; a mixture of plans that of the worst one.
+# A joint plan maximises the success for the prior; a mixture of plans that of the worst one. For
+# two of the members:
 
 # %%
-plan = csw.plan_swarm(scenario, certify=False)
-print(plan)
-plan.plot(scenario)
+pair = scenario.with_values({"swarm.positions": scenario.positions[:2].tolist()})
+print(csw.plan_swarm(pair, certify=False))
 
 # %%
-mixed_plan = csw.plan_swarm_mixture(scenario, "worst", certify=False)
+mixed_plan = csw.plan_swarm_mixture(pair, "worst", certify=False)
 print(mixed_plan)
-mixture_map(scenario, mixed_plan)
+mixture_map(pair, mixed_plan)
 
 # %% [markdown]
 # ## What is it worth to know?
@@ -127,7 +127,7 @@ mixture_map(scenario, mixed_plan)
 # case before the start succeeds more often than any plan for the prior.
 
 # %%
-table = csw.value_of_information(scenario, ["leader", "joint"], tolerance=0.02)
+table = csw.value_of_information(scenario, ["leader", "constrained"], tolerance=0.02)
 information_chart(table, "two-gaps")
 
 # %%
