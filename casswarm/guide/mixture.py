@@ -104,18 +104,8 @@ class MixedGuide(Mixture, Displayed):
         note = "the hazard has one case"
         return cls(paths=(guide,), pure=guide, objective=objective, note=note, **fields)
 
-    def __repr__(self) -> str:
-        low, high = self.value
-        return (
-            f"MixedGuide({self.ambiguity}, {counted(len(self.paths), 'path')}, "
-            f"value={low:.4f} to {rounded_up(high):.4f})"
-        )
-
     def __str__(self) -> str:
-        paths = ", ".join(
-            f"{weight:.3f} arrives at step {path.arrival}"
-            for weight, path in zip(self.weights, self.paths, strict=True)
-        )
+        paths = self._chosen("arrives")
         guides = counted(len(self.paths), "guide")
         if self.objective == "survival":
             return self._text(guides, paths)
@@ -344,7 +334,7 @@ def _certified(game: _Game, mixed: MixedGuide, gap: float, time_limit: float) ->
     if not all(task.bounded for task in tasks):
         return replace(mixed, note="not certified: the rates have no lower bounds")
     prior, table = mixed.worst_prior, np.array(game.survivals)
-    multiplier, groups = _multiplier(game, mixed, tasks), _groups(table * prior)
+    multiplier, groups = _multiplier(game, mixed, tasks), _groups(table * prior, prior)
     bounds = []
     for rows in groups:
         known = float((table[:, rows] @ prior[rows]).max())
@@ -358,18 +348,18 @@ def _certified(game: _Game, mixed: MixedGuide, gap: float, time_limit: float) ->
         cases = " and ".join("/".join(map(str, rows)) for rows in groups)
         notes.append(f"it is of an agent that knows in which of these groups the case is: {cases}")
     bound = bounds[0] if len(groups) == 1 else None
-    value = Interval(mixed.value.low, max(high, mixed.value.low))
+    value = Interval(mixed.value.low, high)
     return replace(mixed, value=value, bound=bound, note="; ".join(notes))
 
 
-def _groups(values: FloatArray) -> list[list[int]]:
-    """Groups of at most four of the cases that count, from the values (P, K) of paths.
+def _groups(values: FloatArray, prior: FloatArray) -> list[list[int]]:
+    """Groups of at most four of the possible cases, from the values (P, K) of paths.
 
     To a group are added the cases for which its best path is the worst: knowing them apart would
     gain the most.
     """
     left = [int(row) for row in np.argsort(-values.max(axis=0), kind="stable")]
-    left = [row for row in left if values[:, row].max() > 0]
+    left = [row for row in left if prior[row] > 0]
     groups = []
     while left:
         group = [left.pop(0)]

@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from typing_extensions import override
 
 from .._util.display import Displayed
-from .._util.numbers import rounded_up
 from .._util.text import counted
 from ..bounds.success_bound import SuccessBound, success_bound
 from ..errors import PlanningError
@@ -56,6 +55,8 @@ class MixedPlan(Mixture, Displayed):
     pure: SwarmPlan
     bound: SuccessBound | None = None
 
+    _unit: ClassVar[str] = "plan"
+
     @property
     @override
     def measure(self) -> str:
@@ -66,19 +67,8 @@ class MixedPlan(Mixture, Displayed):
     def routes(self) -> list[FloatArray]:
         return [plan.positions for plan in self.plans]
 
-    def __repr__(self) -> str:
-        low, high = self.value
-        return (
-            f"MixedPlan({self.ambiguity}, {counted(len(self.plans), 'plan')}, "
-            f"value={low:.4f} to {rounded_up(high):.4f})"
-        )
-
     def __str__(self) -> str:
-        plans = ", ".join(
-            f"{weight:.3f} ends at step {plan.steps}"
-            for weight, plan in zip(self.weights, self.plans, strict=True)
-        )
-        return self._text(counted(len(self.plans), "joint plan"), plans)
+        return self._text(counted(len(self.plans), "joint plan"), self._chosen("ends"))
 
 
 def plan_swarm_mixture(

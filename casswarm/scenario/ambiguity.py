@@ -8,12 +8,12 @@ over Q, a linear program.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
 from .._util.numbers import rounded_up
-from .._util.text import shown
+from .._util.text import counted, shown
 from ..errors import PlanningError
 from ..typing import FloatArray, Interval
 
@@ -203,6 +203,8 @@ class Mixture:
     known: FloatArray
     note: str = ""
 
+    _unit: ClassVar[str] = "path"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "value", Interval(*self.value))  # read back, it is a tuple
 
@@ -237,6 +239,17 @@ class Mixture:
         values = {name: getattr(self, name) for name in (*names, "note")}
         values |= {"ambiguity": str(self.ambiguity), "value": self.value._asdict()}
         return values | {"paths": self.routes}
+
+    def __repr__(self) -> str:
+        low, high = self.value
+        number = counted(len(self.weights), self._unit)
+        value = f"value={low:.4f} to {rounded_up(high):.4f}"
+        return f"{type(self).__name__}({self.ambiguity}, {number}, {value})"
+
+    def _chosen(self, verb: str) -> str:
+        """Weights and last steps of the paths or plans, as text."""
+        chosen = zip(self.weights, self.routes, strict=True)
+        return ", ".join(f"{weight:.3f} {verb} at step {len(path) - 1}" for weight, path in chosen)
 
     def _text(self, what: str, chosen: str) -> str:
         """Description of a mixture of `what`, with a text of weights."""

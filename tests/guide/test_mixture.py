@@ -14,6 +14,7 @@ from small_scenarios import small
 
 import casswarm as csw
 from casswarm.guide import MixedGuide
+from casswarm.guide.mixture import _groups
 
 FREE = {"guide__acceleration_limited": False, "guide__margin": 1e-6}
 WALL = [[1.5, y] for y in (-2.0, -1.2, -0.4, 0.4, 1.2, 2.0)]
@@ -174,6 +175,12 @@ def test_more_than_four_cases_are_bounded_by_groups_and_say_so() -> None:
         for group in groups
     ]
     assert sum(own) <= mixed.value.high * (1 + 1e-9)
+
+
+def test_possible_case_that_no_known_path_survives_is_in_a_group() -> None:
+    prior = np.array([0.4, 0.0, 0.2, 0.2, 0.1, 0.1])
+    values = prior * np.array([[0.9, 0.5, 0.0, 0.3, 0.2, 0.1], [0.1, 0.5, 0.0, 0.6, 0.1, 0.3]])
+    assert sorted(itertools.chain(*_groups(values, prior))) == [0, 2, 3, 4, 5]
 
 
 def test_wrong_arguments_are_refused() -> None:
