@@ -11,7 +11,7 @@ import click
 import casswarm as csw
 
 from .._util.text import aligned_table
-from .common import load, named_policies, work
+from .common import WrongInput, load, named_policies, work
 from .options import (
     COUNT,
     CommonOptions,
@@ -79,6 +79,8 @@ def evaluate(
         refuse("nothing is sampled without --runs", "seed")
     with work(common) as job:
         chosen = load(common)
+        if unknown.information and len(chosen.cases) == 1:  # before the work
+            raise WrongInput(f"--information: the hazard of {chosen.name} is known (hazard.case)")
         from ..guide.agent import guide_solver
 
         chosen_policies = named_policies(policies)
