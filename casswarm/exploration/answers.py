@@ -1,14 +1,14 @@
 """Answers about a scenario in stages, and the process that computes them.
 
-The guide comes first, then its bound, runs, and exact bounds. The process answers the newest
-question, and ends with the process that asks.
+The guide comes first, with a mixture of guides if the hazard is not known, then its bound, runs,
+and exact bounds. The process answers the newest question, and ends with the process that asks.
 """
 
 from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,9 +27,11 @@ from ..errors import CasswarmError
 from ..guide import certify_guide
 from ..guide.agent import initial_velocities, plan_from
 from ..guide.guide import Guide
+from ..guide.mixture import MixedGuide, certify_mixture, plan_mixture
 from ..guide.plan import plan
 from ..policies.base import Policy
 from ..policies.user import repeated
+from ..scenario.ambiguity import Ambiguity
 from ..studies.inputs import resolve_policy
 from ..studies.simulation import Study, simulate
 from ..typing import FloatArray, Interval
@@ -50,7 +52,7 @@ _DECADES = 1e3  # ratio of the ends of the scale
 class HazardMap:
     """Rates of a single agent at the pixels of a square map, on a logarithmic scale.
 
-    There are T maps of the same square: one, or of steps from the first to the last if rates depend
+    Prior means if the hazard is not known. There are T maps of the same square: one, or of steps from the first to the last if rates depend
     on time.
     """
 
@@ -64,9 +66,10 @@ class HazardMap:
         """Map that holds the members, the target, the radars, the zones and the guide."""
         square, discs = np.array([[-1, -1], [1, 1]]), scenario.target.discs
         target = np.vstack([np.asarray(disc.center) + disc.radius * square for disc in discs])
-        table = scenario.hazard_table
-        landmarks = np.reshape(table.starts, (-1, 2)), *(zone.corners for zone in table.zone)
-        points = np.vstack([scenario.positions, target, *landmarks, guide.positions])
+        tables = [case.scenario.hazard_table for case in scenario.cases]
+        radars = [np.reshape(table.starts, (-1, 2)) for table in tables]
+        zones = [zone.corners for table in tables for zone in table.zone]
+        points = np.vstack([scenario.positions, target, *radars, *zones, guide.positions])
         low, high = points.min(axis=0), points.max(axis=0)
         half = (0.5 + _MARGIN) * float((high - low).max())
         middle = 0.5 * (low + high)
@@ -74,9 +77,10 @@ class HazardMap:
         low, high = middle - _BEYOND * half, middle + _BEYOND * half
         axis = (np.arange(SIZE) + 0.5) / SIZE * 2 * _BEYOND * half
         pixels = np.stack(np.meshgrid(low[0] + axis, low[1] + axis), axis=-1)
-        last = scenario.n_steps if scenario.hazard.changes else 0
+        hazard = scenario.believed.hazard
+        last = scenario.n_steps if hazard.changes else 0
         steps = np.linspace(0, last, min(last + 1, _MAPS)).round().astype(int)
-        hazards = [scenario.hazard.after(int(step)) for step in steps]
+        hazards = [hazard.after(int(step)) for step in steps]
         rates = np.stack([hazard.single_agent_rates(pixels) for hazard in hazards])
         return cls(low, high, frame, _shades(rates))
 
@@ -114,11 +118,35 @@ class Superseded(Exception):  # noqa: N818  (no failure)
 
 @dataclass(frozen=True)
 class Question:
-    """Question about the success of a policy on a scenario."""
+    """Question about the success of a policy on a scenario.
 
-    version: int  # larger ones are newer
+    Parameters
+    ----------
+    version : int
+        Larger ones are newer.
+    scenario : Scenario
+    policy : str
+    ambiguity : float
+        Of a hazard that is not known: the priors for which guides are mixed, from 0, the prior of
+        the scenario, to 1, all of them.
+    """
+
+    version: int
     scenario: Scenario
     policy: str
+    ambiguity: float = 0.0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the hazard has one case."""
+        return len(self.scenario.cases) == 1
+
+    @property
+    def priors(self) -> Ambiguity:
+        """The priors q with sum_k abs(q_k - p_k) <= 2 * ambiguity."""
+        if 0 < self.ambiguity < 1:
+            return Ambiguity("tv", 2 * self.ambiguity)
+        return Ambiguity("worst" if self.ambiguity else "mean")
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +158,16 @@ class Answer:
     question : Question
     hazard_map : HazardMap, optional
     guide : Guide, optional
-        With a lower bound on the risk once it is proven.
+        With a lower bound on the risk once it is proven. If the hazard is not known, that of its
+        mean rates, without a bound.
+    mixture : MixedGuide, optional
+        If the hazard is not known, with an upper end of its value once it is proven.
     study : Study, optional
         The largest study so far.
     distribution : OutcomeDistribution, optional
         With bounds that become narrower.
     failure : str
-        Why there is no guide, or no success probability; empty if all is well.
+        Why there is no guide, mixture or success probability; empty if all is well.
     done : bool
         Whether nothing is added any more.
     """
@@ -144,10 +175,17 @@ class Answer:
     question: Question
     hazard_map: HazardMap | None = None
     guide: Guide | None = None
+    mixture: MixedGuide | None = None
     study: Study | None = None
     distribution: OutcomeDistribution | None = None
     failure: str = ""
     done: bool = False
+
+    @property
+    def drawn(self) -> bool:
+        """Whether there is all that is drawn at once: other work makes way for a newer question."""
+        mixed = self.question.is_known or self.mixture is not None or bool(self.failure)
+        return self.guide is not None and mixed
 
     @property
     def success(self) -> tuple[Interval, bool] | None:
@@ -177,8 +215,8 @@ class Inquiry:
     ) -> None:
         self.answer, self._publish, self._interrupt = Answer(question), publish, interrupt
 
-    def run(self, previous: Guide | None = None) -> None:
-        """Answer the question, first by a search that starts from the guide of a similar scenario.
+    def run(self, previous: Answer | None = None) -> None:
+        """Answer the question, first by a search that starts from guides of a similar scenario.
 
         Errors become the answer's `failure`.
         """
@@ -200,28 +238,53 @@ class Inquiry:
 
     def _report(self, *_: Any) -> None:
         """Progress of a computation, which ends it if another question waits."""
-        if self.answer.guide is not None:  # else nothing has been shown yet
+        if self.answer.drawn:
             self._interrupt()
 
-    def _plan(self, previous: Guide | None) -> None:
-        """Plan by a search near the previous guide, then by a full search."""
+    def _plan(self, previous: Answer | None) -> None:
+        """Plan by a search near the previous guides, then by a full search."""
         scenario, guide = self.answer.question.scenario, None
-        if previous is not None and is_near(scenario, previous):
-            guide = _planned_near(scenario, previous)
+        near = None if previous is None else previous.guide
+        if near is not None and is_near(scenario.believed, near):
+            guide = _planned_near(scenario.believed, near)
             if guide is not None:
                 self._add(guide=guide, hazard_map=HazardMap.around(scenario, guide))
+        if guide is not None and previous is not None and previous.mixture is not None:
+            self._mix(previous.mixture)
         self._report()
-        full = plan(scenario, certify=False, progress=self._report)
+        full = plan(scenario.believed, certify=False, progress=self._report)
         if guide is None or full.risk < guide.risk:
             self._add(guide=full, hazard_map=HazardMap.around(scenario, full))
+        self._mix(None)
+
+    def _mix(self, near: MixedGuide | None) -> None:
+        """Add a mixture of guides if the hazard is not known, by a search near another one."""
+        question, known = self.answer.question, self.answer.mixture
+        cases = [case.scenario for case in question.scenario.cases]
+        if question.is_known or (near is not None and not _are_near(cases, near.guides)):
+            return
+        options: dict[str, Any] = {"near": near, "certify": False, "progress": self._report}
+        try:
+            mixture = plan_mixture(question.scenario, question.priors, **options)
+        except CasswarmError as error:  # a policy may have a success probability all the same
+            self._add(failure=str(error))
+            return
+        if known is None or mixture.value.low > known.value.low:
+            self._add(mixture=mixture, failure="")
 
     def _bound(self, gap: float, limit: float) -> None:
-        """Add a bound on the risk of the guide, if the hazard provides one."""
+        """Add a bound on the risk of the guide, or on the value of the mixture, if there is one."""
         self._report()
-        guide = self.answer.guide
+        guide, mixture, question = self.answer.guide, self.answer.mixture, self.answer.question
         assert guide is not None
+        if mixture is not None:
+            certified = certify_mixture(question.scenario, mixture, gap, limit)
+            if certified.value.high < mixture.value.high:
+                self._add(mixture=certified)
+        if not question.is_known:
+            return
         deadline = time.monotonic() + limit
-        certificate = certify_guide(self.answer.question.scenario, guide, gap, deadline)
+        certificate = certify_guide(question.scenario, guide, gap, deadline)
         if certificate is not None and certificate.risk_bound > (guide.risk_bound or 0.0):
             bounded = replace(guide, risk_bound=certificate.risk_bound, certificate=certificate)
             self._add(guide=bounded)
@@ -255,27 +318,30 @@ class Inquiry:
         """Add bounds of the outcome distribution while they become narrower; return the last."""
         scenario, guide = self.answer.question.scenario, self.answer.guide
         assert guide is not None
-        max_states = MAX_STATES if scenario.n <= MAX_MEMBERS else MAX_STATES // 10
+        cases = scenario.cases
+        max_states = (MAX_STATES if scenario.n <= MAX_MEMBERS else MAX_STATES // 10) // len(cases)
         lattice = Lattice.along(guide, scenario, None, policy.decision_tol)
-        expansion = StateSpaceExpansion(
-            scenario,
-            repeated(policy),
-            initial_velocities(scenario, guide),
-            ExpansionOptions(TOLERANCE, max_states, lattice),
-        )
+        options = ExpansionOptions(TOLERANCE, max_states, lattice)
+        inputs = scenario, repeated(policy), initial_velocities(scenario, guide), options
+        expansions = [StateSpaceExpansion(*inputs, case) for case in range(len(cases))]
         published = time.monotonic()
+
+        def distribution() -> OutcomeDistribution:
+            known = zip(cases, expansions, strict=True)
+            return OutcomeDistribution.of_cases([(c.weight, each.distribution()) for c, each in known])
 
         def report(*_: object) -> None:
             nonlocal published
             self._interrupt()
             if time.monotonic() > published + _PUBLISH:
                 published = time.monotonic()
-                self._add(distribution=expansion.distribution())
+                self._add(distribution=distribution())
 
-        expansion.expand(report)
-        distribution = expansion.distribution()
-        self._add(distribution=distribution)
-        return distribution
+        for expansion in expansions:
+            expansion.expand(report)
+        last = distribution()
+        self._add(distribution=last)
+        return last
 
 
 def is_near(scenario: Scenario, guide: Guide) -> bool:
@@ -289,11 +355,14 @@ def is_near(scenario: Scenario, guide: Guide) -> bool:
     )
 
 
+def _are_near(cases: Sequence[Scenario], guides: Sequence[Guide]) -> bool:
+    return len(cases) == len(guides) and all(map(is_near, cases, guides))
+
+
 def _planned_near(scenario: Scenario, previous: Guide) -> Guide | None:
     """A guide like the previous one; None if none arrives."""
-    velocity = scenario.swarm.velocity
-    initial = None if velocity == "guide" else velocity
-    guide = plan_from(scenario, scenario.guide_start, near=previous, initial_velocity=initial)
+    start, initial = scenario.guide_start, scenario.swarm.initial_velocity
+    guide = plan_from(scenario, start, near=previous, initial_velocity=initial)
     return guide if guide.arrives else None
 
 
@@ -360,12 +429,12 @@ class Worker:
                 self._idle = _later(IDLE, self._end_if_idle, answer.question.version)
 
     def _is_late(self, question: Question) -> bool:
-        """Return True if the process works on an older question although its guide is out."""
+        """Return True if the process works on an older question although its answer is drawn."""
         with self._lock:
             latest = self._latest
             return (
                 latest is not None
-                and latest.guide is not None
+                and latest.drawn
                 and not latest.done
                 and latest.question.version < question.version
             )
@@ -407,11 +476,11 @@ def _answer_questions(channel: Channel) -> None:
         if channel.waiting:
             raise Superseded
 
-    previous: Guide | None = None
+    previous: Answer | None = None
     for question in channel.requests():
         if channel.waiting:  # for a newer one
             continue
         inquiry = Inquiry(pickle.loads(question), lambda answer: channel.send(packed(answer)), poll)
         with suppress(Superseded):
             inquiry.run(previous)
-        previous = inquiry.answer.guide or previous
+        previous = inquiry.answer if inquiry.answer.drawn else previous

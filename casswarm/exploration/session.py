@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from pickle import PicklingError
 from threading import Condition
@@ -12,13 +12,14 @@ from typing import Any
 
 from ..errors import CasswarmError, PlanningError, ScenarioError
 from ..guide.guide import Guide
+from ..guide.mixture import MixedGuide
 from ..policies.named import require_policy_name
 from ..scenario import Scenario
-from ..scenario.cases import require_known
 from ..scenario.scenario_files import require_scenario, save_scenario
 from ..scenario.variations import with_parameters
 from ..studies.simulation import Study
 from .answers import Answer, Question, Worker
+from .radar_points import with_radar_at
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class Moment:
 
     scenario: Scenario
     policy: str
-    gesture: object = None
+    ambiguity: float = 0.0
+    gesture: object = field(default=None, compare=False)
 
 
 MAX_MOMENTS = 1000
@@ -69,7 +71,7 @@ class History:
         It replaces the present one if both are of the same gesture.
         """
         present = self.present
-        if (moment.scenario, moment.policy) == (present.scenario, present.policy):
+        if moment == present:
             return False
         same = moment.gesture is not None and moment.gesture == present.gesture
         self._moments[self._index + (not same) :] = [moment]
@@ -95,20 +97,18 @@ def _moved(
     """Values of a scenario, by key, in which a point of `POINTS` has moved; a radar at time 0."""
     if point == "target":
         return {"target.center": position}
-    table = scenario.hazard_table
-    rest = len(table.radars)
-    if point == "radar" and index >= rest:
-        radars = [radar.model_dump(exclude_none=True) for radar in table.radar]
-        radars[index - rest] = table.radar[index - rest].moved_to(position)
-        return {"hazard.radar": radars}
-    key = "swarm.positions" if point == "member" else "hazard.radars"
-    positions = list(scenario.swarm.positions if point == "member" else table.radars)
+    if point == "radar":
+        return with_radar_at(scenario, index, position)
+    positions = list(scenario.swarm.positions)
     positions[index] = position
-    return {key: positions}
+    return {"swarm.positions": positions}
 
 
 class Session:
     """The present scenario and policy, changes that can be undone, and answers about them.
+
+    Of a hazard that is not known, guides are mixed for the priors that `ambiguity` describes, from
+    0, the prior of the scenario, to 1, all of them: see `Question`.
 
     Every change asks a `Worker`, which answers in stages. An impossible scenario changes nothing:
     `problem` says why. Methods may be called from any thread.
@@ -120,7 +120,6 @@ class Session:
         self, scenario: Scenario, policy: str = "leader", file: Path | None = None
     ) -> None:
         require_scenario("explore", scenario)
-        require_known(scenario)
         require_policy_name(policy)
         self.history = History(Moment(scenario, policy))
         self._file, self._version = file, 0
@@ -130,6 +129,7 @@ class Session:
         self.problem = ""  # why the last change was refused
         self.answer: Answer | None = None  # about the present scenario; None before the first stage
         self.last_good: Answer | None = None  # with a guide that arrives
+        self.last_mixed: Answer | None = None  # with a mixture of guides
 
     @property
     def scenario(self) -> Scenario:
@@ -142,6 +142,11 @@ class Session:
         return self.history.present.policy
 
     @property
+    def ambiguity(self) -> float:
+        """How far the priors may be from that of the scenario, from 0 to 1."""
+        return self.history.present.ambiguity
+
+    @property
     def revision(self) -> int:
         """Number of changes so far of the scenario or the policy."""
         return self._version
@@ -150,31 +155,43 @@ class Session:
 
     def change(self, values: Mapping[str, Any], gesture: object = None) -> bool:
         """Change parameters, by key as in `casswarm.sweep`; return whether that is possible."""
-        return self._try(lambda: (with_parameters(self.scenario, values), self.policy), gesture)
+        return self._try(lambda: {"scenario": with_parameters(self.scenario, values)}, gesture)
 
     def move(
         self, point: str, index: int, position: tuple[float, float], gesture: object = None
     ) -> bool:
         """Move a point of `POINTS`, one of several by its index; return whether it is possible.
 
-        Radars in tables follow those of ``hazard.radars``; `position` is that at time 0, and paths
-        move with it.
+        Radars are those of `radar_points`; `position` is that at time 0, and paths move with it.
         """
 
-        def moved() -> tuple[Scenario, str]:
+        def moved() -> dict[str, Any]:
             values = _moved(self.scenario, point, index, position)
-            return self.scenario.with_values(values), self.policy
+            return {"scenario": self.scenario.with_values(values)}
 
         return self._try(moved, gesture)
 
     def choose_policy(self, name: str) -> bool:
         """Choose a policy by name; return whether there is one of that name."""
 
-        def chosen() -> tuple[Scenario, str]:
+        def chosen() -> dict[str, Any]:
             require_policy_name(name)
-            return self.scenario, name
+            return {"policy": name}
 
         return self._try(chosen)
+
+    def choose_ambiguity(self, ambiguity: float, gesture: object = None) -> bool:
+        """Choose how far priors may be from that of the scenario; return whether it is in [0, 1]."""
+
+        def chosen() -> dict[str, Any]:
+            if not 0 <= ambiguity <= 1:
+                raise PlanningError(
+                    f"ambiguity = {ambiguity:g}; allowed: from 0, the prior, to 1, the worst case",
+                    ambiguity=ambiguity,
+                )
+            return {"ambiguity": float(ambiguity)}
+
+        return self._try(chosen, gesture)
 
     def undo(self) -> None:
         """Return to the state before the last change."""
@@ -186,13 +203,13 @@ class Session:
 
     def reset(self) -> None:
         """Return to the first state; this can be undone."""
-        self._try(lambda: (self.history.first.scenario, self.history.first.policy))
+        self._try(lambda: vars(self.history.first))
 
-    def _try(self, make: Callable[[], tuple[Scenario, str]], gesture: object = None) -> bool:
-        """Make what `make` returns the present state, or note why it is impossible."""
+    def _try(self, make: Callable[[], dict[str, Any]], gesture: object = None) -> bool:
+        """Change what `make` returns of the present state, or note why it is impossible."""
         with self._lock:
             try:
-                moment = Moment(*make(), gesture)
+                moment = replace(self.history.present, **make() | {"gesture": gesture})
             except CasswarmError as error:
                 self.problem = str(error)
             else:
@@ -217,6 +234,14 @@ class Session:
         """Guide of the present scenario; waits until it is planned, or raises PlanningError."""
         guide: Guide = self._awaited("guide")
         return guide
+
+    @property
+    def mixture(self) -> MixedGuide:
+        """Mixture of guides of the present scenario if its hazard is not known; waits for it."""
+        if len(self.scenario.cases) == 1:
+            raise PlanningError("the hazard is known: there is a guide, and no mixture of guides")
+        mixture: MixedGuide = self._awaited("mixture")
+        return mixture
 
     @property
     def study(self) -> Study:
@@ -262,7 +287,7 @@ class Session:
         if self._asked:
             return
         self._asked = True
-        question = Question(self._version, self.scenario, self.policy)
+        question = Question(self._version, self.scenario, self.policy, self.ambiguity)
         try:
             self._worker.ask(question)
         except (PicklingError, AttributeError, TypeError) as error:
@@ -271,12 +296,12 @@ class Session:
 
     def _receive(self, answer: Answer) -> None:
         """Keep an answer; one about an earlier state is good until there is a newer one."""
-        version = answer.question.version
         with self._lock:
-            last = -1 if self.last_good is None else self.last_good.question.version
-            if answer.guide is not None and answer.guide.arrives and version >= last:
-                self.last_good = answer
-            if version == self._version:
+            if answer.guide is not None and answer.guide.arrives:
+                self.last_good = _newer(self.last_good, answer)
+            if answer.mixture is not None:
+                self.last_mixed = _newer(self.last_mixed, answer)
+            if answer.question.version == self._version:
                 self.answer = answer
             self._lock.notify_all()
         self._tell()
@@ -321,6 +346,12 @@ class Session:
                 self._file = _new_file(self.scenario.name)
             save_scenario(self.scenario, self._file)
             return self._file
+
+
+def _newer(known: Answer | None, answer: Answer) -> Answer:
+    if known is None or answer.question.version >= known.question.version:
+        return answer
+    return known
 
 
 def _new_file(name: str) -> Path:

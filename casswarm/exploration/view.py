@@ -19,7 +19,9 @@ from ..policies.named import POLICIES
 from ..scenario.validation import field_of
 from ..scenario.variations import value
 from ..studies.simulation import Study
+from ..typing import Interval
 from .answers import Answer, HazardMap
+from .radar_points import radar_points
 from .session import POINTS, Session
 
 if TYPE_CHECKING:
@@ -51,26 +53,36 @@ SLIDERS = (
 LARGEST_N = 1000
 """Largest number of members that a page may ask for, unless the scenario has more."""
 
+AMBIGUITY = "ambiguity"
+"""Key of the slider of `Session.ambiguity`, for a hazard that is not known."""
+
+_AMBIGUITY_TEXT = (
+    "Priors for which guides are mixed: 0 is the prior of the scenario, 1 all priors, the worst "
+    "case; between, those at most twice this number from the prior, in the sum of all differences."
+)
+
 CHOICES = {"guide.search": ("local", "global"), "guide.arrival": ("any", "horizon")}
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number with a slider, on a logarithmic scale unless it is whole.
+    """A number with a slider, by `step` or, without one, on a logarithmic scale.
 
-    Its key is that of `casswarm.sweep`.
+    Its key is that of `casswarm.sweep`, or `AMBIGUITY`.
     """
 
     key: str
     low: float
     high: float
-    whole: bool
+    step: float | None
     description: str
 
 
 def parameters(scenario: Scenario) -> list[Parameter]:
     """Parameters of the scenario that are numbers, with ranges around their values."""
     listed = []
+    if len(scenario.cases) > 1:
+        listed.append(Parameter(AMBIGUITY, 0, 1, 0.01, _AMBIGUITY_TEXT))
     for key in SLIDERS:
         number, field = value(scenario, key), field_of(key, type(scenario))
         description = (field and field.description) or ""
@@ -78,19 +90,21 @@ def parameters(scenario: Scenario) -> list[Parameter]:
             continue  # members differ: their number is not one to slide
         if key == "n":
             most = max(MAX_MEMBERS, scenario.n)
-            listed.append(Parameter(key, 1, most, True, "Number of members."))
+            listed.append(Parameter(key, 1, most, 1, "Number of members."))
         elif key == "information.delay":
-            listed.append(Parameter(key, 0, scenario.n_steps, True, description))
+            listed.append(Parameter(key, 0, scenario.n_steps, 1, description))
         elif number:  # neither missing nor 0, which has no range
             low, high = float(number) / FACTOR, float(number) * FACTOR
-            listed.append(Parameter(key, low, high, False, description))
+            listed.append(Parameter(key, low, high, None, description))
     return listed
 
 
-def _shown(scenario: Scenario, key: str) -> Any:
+def _shown(session: Session, key: str) -> Any:
     """Value of a slider; news that never come are as late as the run is long."""
-    late = key == "information.delay" and scenario.delay is None
-    return scenario.n_steps if late else value(scenario, key)
+    if key == AMBIGUITY:
+        return session.ambiguity
+    late = key == "information.delay" and session.scenario.delay is None
+    return session.scenario.n_steps if late else value(session.scenario, key)
 
 
 Message = dict[str, Any]
@@ -153,6 +167,9 @@ class View:
     def _change(self, message: Mapping[str, Any]) -> None:
         """Change what the page shows, and nothing else of the scenario."""
         key, number = message["key"], message["value"]
+        if key == AMBIGUITY:
+            self._session.choose_ambiguity(number, message.get("gesture"))
+            return
         if key not in SLIDERS and key not in CHOICES:
             raise ValueError(key)
         most = max(LARGEST_N, self._session.history.first.scenario.n)
@@ -192,7 +209,7 @@ def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
     """Parts of a page, by name: the token of its state, and the function that makes it."""
     present, good = session.answer, session.last_good
     history = session.history
-    state = (session.scenario, session.policy, history.can_undo, history.can_redo)
+    state = (history.present, history.can_undo, history.can_redo)
     failure = "" if present is None else present.failure
     problem, busy = session.problem or failure, present is None or not present.done
     parts: dict[str, tuple[object, Callable[[], Any]]] = {
@@ -202,12 +219,17 @@ def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
     }
     if good is None:
         return parts
-    current = good.question.scenario == session.scenario
-    evaluated = current and good.question.policy == session.policy
+    question, mixed = good.question, session.last_mixed
+    current = question.scenario == session.scenario
+    evaluated = current and question.policy == session.policy
     guide, hazard_map, outcomes = good.guide, good.hazard_map, (good.study, good.distribution)
     assert guide is not None
     assert hazard_map is not None
     parts["guide"] = ((guide, current), partial(_guide, guide, current))
+    if mixed is not None:
+        asked = (mixed.question.scenario, mixed.question.ambiguity)
+        mixable = asked == (session.scenario, session.ambiguity)
+        parts["mixture"] = ((mixed.mixture, mixable), partial(_mixture, mixed, mixable))
     parts["map"] = (hazard_map, partial(_map, hazard_map))
     parts["success"] = ((*outcomes, evaluated), partial(_success, good, evaluated))
     parts["runs"] = (good.study, partial(_runs, good.study))
@@ -216,8 +238,8 @@ def _parts(session: Session) -> dict[str, tuple[object, Callable[[], Any]]]:
 
 def _scene(session: Session) -> Message:
     scenario = session.scenario
-    table = scenario.hazard_table
-    strengths = table.strengths or [1.0] * len(table.radars)
+    points, tables = radar_points(scenario), [c.scenario.hazard_table for c in scenario.cases]
+    zones = list(dict.fromkeys(zone for table in tables for zone in table.regions))
     listed = parameters(session.history.first.scenario)
     return {
         "revision": session.revision,
@@ -225,13 +247,15 @@ def _scene(session: Session) -> Message:
         "members": scenario.swarm.positions,
         "kinds": scenario.swarm.kind or [],
         "counting": scenario.swarm.counting.tolist(),
-        "radars": table.starts,
-        "strengths": [*strengths, *(radar.strength for radar in table.radar)],
-        "tracks": [None] * len(table.radars) + [_track(scenario, each) for each in table.radar],
-        "zones": [{"vertices": z.vertices, "radius": z.radius} for z in table.regions],
+        "radars": [point.position for point in points],
+        "cases": [point.cases for point in points],
+        "clouds": [point.cloud for point in points],
+        "prior": [case.weight for case in scenario.cases],
+        "tracks": [_track(scenario, point.table) for point in points],
+        "zones": [{"vertices": zone.vertices, "radius": zone.radius} for zone in zones],
         "others": [{"vertices": [d.center], "radius": d.radius} for d in scenario.target.other],
         "target": {"center": scenario.target.center, "radius": scenario.target.radius},
-        "parameters": [asdict(item) | {"value": _shown(scenario, item.key)} for item in listed],
+        "parameters": [asdict(item) | {"value": _shown(session, item.key)} for item in listed],
         "choices": [
             {"key": key, "values": values, "value": value(scenario, key)}
             for key, values in CHOICES.items()
@@ -244,9 +268,9 @@ def _scene(session: Session) -> Message:
     }
 
 
-def _track(scenario: Scenario, radar: Radar) -> list[tuple[float, ...]] | None:
+def _track(scenario: Scenario, radar: Radar | None) -> list[tuple[float, ...]] | None:
     """Position and strength of a radar at every step; None if it does not move or switch."""
-    if not radar.changes:
+    if radar is None or not radar.changes:
         return None
     times = [step * scenario.time.dt for step in range(scenario.n_steps + 1)]
     return [(*radar.track.position_at(time), radar.track.strength_at(time)) for time in times]
@@ -258,6 +282,24 @@ def _guide(guide: Guide, current: bool) -> Message:
         "arrival": guide.arrival,
         "survival": guide.survival,
         "bound": guide.survival_bound,
+        "current": current,
+    }
+
+
+def _mixture(answer: Answer, current: bool) -> Message:
+    mixture = answer.mixture
+    assert mixture is not None
+    return {
+        "paths": [path.positions.tolist() for path in mixture.paths],
+        "weights": mixture.weights.tolist(),
+        "ambiguity": str(mixture.ambiguity),
+        "low": mixture.value.low,
+        "high": mixture.value.high,
+        "pure": mixture.pure_value,
+        "known": mixture.known_value,
+        "worst_prior": mixture.worst_prior.tolist(),
+        "survivals": mixture.survival.tolist(),
+        "note": mixture.note,
         "current": current,
     }
 
@@ -284,8 +326,15 @@ def _success(answer: Answer, current: bool) -> Message | None:
         "proven": proven,
         "runs": 0 if answer.study is None else len(answer.study.runs),
         "policy": answer.question.policy,
+        "by_case": _success_by_case(answer),
         "current": current,
     }
+
+
+def _success_by_case(answer: Answer) -> list[Interval]:
+    """Proven bounds of the success in every case; empty if the hazard is known."""
+    law = answer.distribution
+    return [] if law is None else [each.success for _, each in law.cases]
 
 
 def _runs(study: Study | None) -> list[Message]:

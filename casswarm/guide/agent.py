@@ -142,8 +142,8 @@ def initial_velocities(scenario: Scenario, guide: Guide) -> FloatArray:
 
     It is shortened to the limits of members that are slower than the guide.
     """
-    velocity = scenario.swarm.velocity
-    first = guide.velocities[0] if velocity == "guide" else np.asarray(velocity, float)
+    given = scenario.swarm.initial_velocity
+    first = guide.velocities[0] if given is None else np.asarray(given, float)
     if scenario.swarm.kind is None:
         return np.tile(first, (scenario.n, 1))
     limits = [GuideTask.from_scenario(scenario.with_kind_of(i), first) for i in range(scenario.n)]

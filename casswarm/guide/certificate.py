@@ -96,8 +96,8 @@ def _certified_for_all(
     The guide that is compared is the given one: a bound above its risk shows that no path to a
     target zone is better.
     """
-    velocity, certificates = scenario.swarm.velocity, []
-    initial, targets = None if velocity == "guide" else velocity, scenario.by_target
+    certificates, targets = [], scenario.by_target
+    initial = scenario.swarm.initial_velocity
     share = TIME_LIMIT if deadline is None else max(0.0, deadline - time.monotonic())
     share /= len(targets)  # for the search as for the proof, if there is a deadline
     limit = math.inf if deadline is None else share / 2
@@ -176,8 +176,7 @@ def _accelerated(
 
 def _least_known_risk(scenario: Scenario, task: Relaxation, deadline: float) -> float:
     """Risk of the best path of a global search that ends within the relaxation's radius."""
-    velocity = scenario.swarm.velocity
-    start = GuideTask.from_scenario(scenario, task.start, None if velocity == "guide" else velocity)
+    start = GuideTask.from_scenario(scenario, task.start, scenario.swarm.initial_velocity)
     scenario = scenario.with_values({"guide.arrival": "any"})
     multistart = Multistart(scenario, start, make_solver("ipopt"), deadline=deadline)
     least = math.inf

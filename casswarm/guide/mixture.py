@@ -42,6 +42,7 @@ from .multistart import GridPath, Multistart
 
 _LEAST = 1e-6  # prior of a case in the program, whose logarithm is taken
 _ROUNDS = 40  # of adding paths
+_ROUNDS_NEAR = 2  # near another mixture
 _ENOUGH = 1e-6  # relative gain of a path from which it is added
 _SEARCHED = 1_500_000  # values of the dynamic program that finds paths
 _MOST_RISK = 100.0  # of a guess
@@ -58,6 +59,8 @@ class MixedGuide(Mixture, Displayed):
         the cases.
     pure : Guide
         The best single guide that is known.
+    guides : tuple of Guide
+        The guide of every case, as if it were known.
     bound : MixtureBound, optional
         Details of the proof, up to four cases; with more, `note` has how they are divided.
     objective : {"survival", "risk"}
@@ -69,6 +72,7 @@ class MixedGuide(Mixture, Displayed):
 
     paths: tuple[Guide, ...]
     pure: Guide
+    guides: tuple[Guide, ...]
     bound: MixtureBound | None = None
     objective: Literal["survival", "risk"] = "survival"
 
@@ -102,7 +106,8 @@ class MixedGuide(Mixture, Displayed):
             low = min(guide.risk_bound or 0.0, guide.risk)
             fields |= {"value": Interval(low, guide.risk), "pure_value": guide.risk}
         note = "the hazard has one case"
-        return cls(paths=(guide,), pure=guide, objective=objective, note=note, **fields)
+        same: dict[str, Any] = {"paths": (guide,), "pure": guide, "guides": (guide,)}
+        return cls(objective=objective, note=note, **same, **fields)
 
     def __str__(self) -> str:
         paths = self._chosen("arrives")
@@ -177,6 +182,35 @@ class _Game:
     candidates: list[Candidate] = field(default_factory=list)
     survivals: list[FloatArray] = field(default_factory=list)
 
+    @classmethod
+    def of(cls, scenario: Scenario, ambiguity: Ambiguity, deadline: float = math.inf) -> _Game:
+        """The game of a scenario, without paths."""
+        require_default(scenario, "target.other", "a mixture of guides")
+        cases = tuple(case.scenario.for_guide for case in scenario.cases)
+        prior = np.array([case.weight for case in scenario.cases])
+        start, initial = scenario.guide_start, scenario.swarm.initial_velocity
+        task = GuideTask.from_scenario(cases[0], start, initial)
+        return cls(cases, prior, ambiguity, task, make_solver("ipopt"), deadline)
+
+    def guides(self, near: MixedGuide | None, progress: Progress | None) -> list[Guide]:
+        """The guides of the cases; PlanningError if there is none for one of them."""
+        found = []
+        for number, case in enumerate(self.cases):
+            if progress is not None:
+                progress("planning the guides of the cases", number, len(self.cases))
+            left = max(1e-3, self.deadline - time.monotonic()) / (len(self.cases) - number)
+            options: dict[str, Any] = {"near": near and near.guides[number], "time_limit": left}
+            initial = case.swarm.initial_velocity
+            guide = plan_from(case, self.task.start, initial_velocity=initial, **options)
+            if not guide.arrives:
+                raise PlanningError(
+                    f"no guide of case {number} arrives: see plan(scenario.cases[{number}]"
+                    ".scenario)",
+                    case=number,
+                )
+            found.append(guide)
+        return found
+
     def multistart(self, weights: FloatArray, task: GuideTask | None = None) -> CasesMultistart:
         """Solves against a prior, whose zeros are slightly positive."""
         prior = np.maximum(weights, _LEAST)
@@ -217,14 +251,17 @@ class _Game:
         points = tasks[0].start + program.grid.spacing * np.array(path, float)
         return GridPath(points, program.grid.stride, "")
 
-    def improve(self, weights: FloatArray, prior: FloatArray) -> bool:
-        """Add the best path found against a prior; return False if it is no better."""
+    def improve(self, weights: FloatArray, prior: FloatArray, on_grid: bool = True) -> bool:
+        """Add the best path found against a prior; return False if it is no better.
+
+        The search starts from the paths in use, and from one on a grid.
+        """
         table, search = np.array(self.survivals), self.multistart(prior)
         starts = [self.candidates[row] for row in np.flatnonzero(weights > SUPPORT)]
         starts += [self.candidates[int((table @ prior).argmax())]]
         chosen = dict.fromkeys(starts)
         paths = [(GridPath(self.positions(c), 1, ""), len(c.velocities)) for c in chosen]
-        if np.count_nonzero(prior > 0) <= MAX_CASES:
+        if on_grid and np.count_nonzero(prior > 0) <= MAX_CASES:
             found_path = self.best_path(prior)
             paths += [(found_path, search.arrival_of(found_path))] if found_path.arrival else []
         before, known = len(self.candidates), float((table @ prior).max())
@@ -233,17 +270,26 @@ class _Game:
         found = np.array(self.survivals[before:])
         return len(found) > 0 and float((found @ prior).max()) > known * (1 + _ENOUGH)
 
-    def run(self, guides: Sequence[Guide], progress: Progress | None) -> None:
-        """Add paths until none is better against the worst prior."""
+    def run(
+        self, guides: Sequence[Guide], near: MixedGuide | None, progress: Progress | None
+    ) -> None:
+        """Add paths until none is better against the worst prior; if near a mixture, a few."""
         for guide in guides:
             self.add(guide.best_per_homotopy_class())
-        for guide in guides:
-            self.add(self.multistart(self.prior).candidates_near(guide))
-        for number in range(_ROUNDS):
+        if near is None:
+            for guide in guides:
+                self.add(self.multistart(self.prior).candidates_near(guide))
+        else:
+            search = self.multistart(near.worst_prior)
+            for path in near.paths:
+                along = GridPath(path.positions, 1, "")
+                self.add(search.candidates_along(along, [path.arrival]))
+        for number in range(_ROUNDS if near is None else _ROUNDS_NEAR):
             weights, prior = self.solved()
             if progress is not None:
                 progress("improving the mixture", number, None)
-            if time.monotonic() > self.deadline or not self.improve(weights, prior):
+            late = time.monotonic() > self.deadline
+            if late or not self.improve(weights, prior, near is None):
                 return
 
 
@@ -251,12 +297,16 @@ def plan_mixture(
     scenario: Scenario,
     ambiguity: AmbiguityLike | Ambiguity = "mean",
     *,
+    near: MixedGuide | None = None,
     certify: bool = True,
     gap: float = GAP,
     time_limit: float | None = None,
     progress: Progress | None = None,
 ) -> MixedGuide:
     """Best distribution over guides against a set of priors over the cases; see `plan`.
+
+    If `near`, the mixture of a similar scenario with as many cases, is given, the search starts
+    from its paths and guides only, in a fraction of the time.
 
     Raises
     ------
@@ -265,27 +315,10 @@ def plan_mixture(
     ScenarioError
         Several target zones.
     """
-    chosen, started = Ambiguity.of(ambiguity), time.monotonic()
-    require_default(scenario, "target.other", "a mixture of guides")
-    deadline = math.inf if time_limit is None else started + time_limit
-    cases = tuple(case.scenario.for_guide for case in scenario.cases)
-    prior = np.array([case.weight for case in scenario.cases])
-    velocity = scenario.swarm.velocity
-    initial = None if velocity == "guide" else velocity
-    task = GuideTask.from_scenario(cases[0], scenario.guide_start, initial)
-    guides = []
-    for number, case in enumerate(cases):
-        if progress is not None:
-            progress("planning the guides of the cases", number, len(cases))
-        left = max(1e-3, deadline - time.monotonic()) / (len(cases) - number)
-        guides.append(plan_from(case, task.start, initial_velocity=initial, time_limit=left))
-    if failed := [k for k, guide in enumerate(guides) if not guide.arrives]:
-        raise PlanningError(
-            f"no guide of case {failed[0]} arrives: see plan(scenario.cases[{failed[0]}].scenario)",
-            case=failed[0],
-        )
-    game = _Game(cases, prior, chosen, task, make_solver("ipopt"), deadline)
-    game.run(guides, progress)
+    deadline = math.inf if time_limit is None else time.monotonic() + time_limit
+    game = _Game.of(scenario, Ambiguity.of(ambiguity), deadline)
+    guides = game.guides(near, progress)
+    game.run(guides, near, progress)
     mixed = _mixed_guide(game, guides)
     if not certify:
         return mixed
@@ -303,6 +336,7 @@ def _mixed_guide(game: _Game, guides: Sequence[Guide]) -> MixedGuide:
     return MixedGuide(
         paths=tuple(_guide(game, game.candidates[row]) for row in rows),
         pure=_guide(game, game.candidates[best]),
+        guides=tuple(guides),
         known=np.maximum(np.exp([-guide.risk for guide in guides]), table.max(axis=0)),
         **fields,
     )
@@ -322,6 +356,19 @@ def _guide(game: _Game, candidate: Candidate) -> Guide:
         solution=candidate.solution,
         search="global",
     )
+
+
+def certify_mixture(
+    scenario: Scenario, mixed: MixedGuide, gap: float = GAP, time_limit: float = TIME_LIMIT
+) -> MixedGuide:
+    """A mixture of `plan_mixture` with a proven upper end of its value.
+
+    The proof ends within `time_limit` seconds, or once the relative gap is at most `gap`.
+    """
+    game = _Game.of(scenario, mixed.ambiguity)
+    others = [survivals_of(game.cases, one.positions) for one in (mixed.pure, *mixed.guides)]
+    game.survivals = [*mixed.survivals, *others]
+    return _certified(game, mixed, gap, time_limit)
 
 
 def _certified(game: _Game, mixed: MixedGuide, gap: float, time_limit: float) -> MixedGuide:

@@ -178,13 +178,12 @@ def plan(
         return MixedGuide.of_guide(known, chosen, objective)
     if objective == "risk":
         scenario = scenario.believed
-    velocity = scenario.swarm.velocity
     guide = plan_from(
         scenario,
         scenario.guide_start,
         solver,
         search=search,
-        initial_velocity=None if velocity == "guide" else velocity,
+        initial_velocity=scenario.swarm.initial_velocity,
         solver_options=solver_options,
         time_limit=math.inf if time_limit is None else time_limit,
         progress=progress,

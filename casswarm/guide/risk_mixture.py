@@ -73,24 +73,23 @@ class _Paths:
 
     def __init__(self, scenario: Scenario, deadline: float) -> None:
         self.scenario, self.deadline = scenario, deadline
+        self.cases = [case.scenario.for_guide for case in scenario.cases]
         self.guides: list[Guide] = []
         self.risks: list[FloatArray] = []
 
     def add(self, weights: FloatArray) -> float:
         """Add the guide against a prior; return its mean risk."""
-        velocity = self.scenario.swarm.velocity
         guide = plan_from(
             self.scenario.of_mean_rates(weights),
             self.scenario.guide_start,
-            initial_velocity=None if velocity == "guide" else velocity,
+            initial_velocity=self.scenario.swarm.initial_velocity,
             time_limit=max(1e-3, self.deadline - time.monotonic()),
         )
         if not guide.arrives:
             raise PlanningError(
                 f"no guide for the mean rates of weights {weights.tolist()} arrives"
             )
-        cases = [case.scenario.for_guide for case in self.scenario.cases]
-        rates = np.array([case.rates_along(guide.positions) for case in cases])
+        rates = np.array([case.rates_along(guide.positions) for case in self.cases])
         prior = np.array([case.weight for case in self.scenario.cases])
         self.guides.append(replace(guide, rates=prior @ rates))
         self.risks.append(self.scenario.time.dt * rates.sum(axis=1))
@@ -120,9 +119,11 @@ def _mixed(
         low = 0.0 if certificate is None else certificate.risk_bound
     fields |= {"value": Interval(min(low, high), high), "survivals": np.exp(-table[rows])}
     single = [ambiguity.least(-row, prior) for row in table]
+    own = zip(paths.cases, paths.guides[1:], strict=False)  # the first one is of the prior
     return MixedGuide(
         paths=tuple(paths.guides[row] for row in rows),
         pure=paths.guides[int(np.argmax(single))],
+        guides=tuple(replace(one, rates=case.rates_along(one.positions)) for case, one in own),
         known=np.exp(-table.min(axis=0)),
         objective="risk",
         note="" if low > 0 else "not certified",

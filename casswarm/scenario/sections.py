@@ -99,6 +99,11 @@ class Swarm(Table):
         return type(self).model_construct(**values)
 
     @property
+    def initial_velocity(self) -> tuple[float, float] | None:
+        """V(-1) of every member; None if it is the first velocity of the guide."""
+        return None if self.velocity == "guide" else self.velocity
+
+    @property
     def counting(self) -> NDArray[np.bool_]:
         """Whether the arrival of each member counts, (n,)."""
         return np.array([kind.counts for kind in self.member_kinds])

@@ -71,7 +71,8 @@ def test_search_near_previous_guide_answers_first_and_full_search_decides():
     below = previous.positions[:, 1].min()
     assert below < 0 < 0.6
     moved = scenario.with_values({"hazard.radars": [[3.0, -0.6]]})  # the mirror image
-    published = told(moved, previous=previous)
+    asked = Question(0, scenario, "leader")
+    published = told(moved, previous=Answer(asked, guide=previous))
     near, full = published[0].guide, published[-1].guide
     assert len(near.candidates) < len(csw.plan(moved, certify=False).candidates)
     assert full.risk == pytest.approx(previous.risk, rel=1e-6)

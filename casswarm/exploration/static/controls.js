@@ -41,11 +41,11 @@ class Controls {
   }
 
   slider(parameter) {
-    const { key, low, high, whole, description } = parameter;
+    const { key, low, high, step, description } = parameter; // without a step, the scale is logarithmic
     if (!this.rows.has(key)) {
       const range = make("input", {
-        type: "range", min: whole ? low : 0, max: whole ? high : STEPS, name: key, title: description,
-        "aria-label": key,
+        type: "range", min: step ? low : 0, max: step ? high : STEPS, step: step || 1, name: key,
+        title: description, "aria-label": key,
       });
       const number = make("input", { type: "number", step: "any", "aria-label": `${key}, exact value` });
       const send = (value) => {
@@ -55,7 +55,7 @@ class Controls {
         if (this.busy !== key) this.gesture = this.gestures.begin();
         this.busy = key;
         const t = Number(range.value);
-        const value = whole ? t : Number(short(low * (high / low) ** (t / STEPS)));
+        const value = step ? t : Number(short(low * (high / low) ** (t / STEPS)));
         number.value = value;
         send(value);
       });
@@ -73,7 +73,7 @@ class Controls {
     const { range, number } = this.rows.get(key);
     const value = parameter.value;
     number.value = short(value, 6);
-    range.value = whole ? value : (STEPS * Math.log(value / low)) / Math.log(high / low);
+    range.value = step ? value : (STEPS * Math.log(value / low)) / Math.log(high / low);
     range.setAttribute("aria-valuetext", short(value));
   }
 }

@@ -2,6 +2,8 @@
 
 const LARGER = 1.3; // ratio up to which a frame is kept
 const MARK = 9; // pixels of a marker; its area for pointers has at least 22
+const WIDTHS = [1.5, 5]; // pixels of a path of weight 0, and how many more of weight 1
+const FAINT = 0.12; // opacity of a radar whose cases have weight 0
 const COLORS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00"];
 
 /** The map: canvas with the hazard, and above it an SVG with the guide, a run and the points. */
@@ -15,6 +17,7 @@ class MapView {
     this.painted = []; // what the canvas shows
     this.canvas = make("canvas", { class: "csw-hazard", "aria-hidden": "true" });
     this.guide = make("polyline", { class: "csw-guide" });
+    this.mixture = make("g", { class: "csw-mixture" });
     this.run = make("g", { class: "csw-run" });
     this.paths = make("g", { class: "csw-paths" });
     this.zones = make("g", { class: "csw-zones" });
@@ -24,7 +27,7 @@ class MapView {
     this.svg = make(
       "svg",
       { role: "group", "aria-label": "Map: target, radars and members" },
-      this.zones, this.others, this.target, this.paths, this.guide, this.run, this.points,
+      this.zones, this.others, this.target, this.paths, this.mixture, this.guide, this.run, this.points,
     );
     this.element = make("div", { class: "csw-map" }, this.canvas, this.svg);
     this.marks = new Map();
@@ -100,10 +103,12 @@ class MapView {
     place(this.target, { cx: x, cy: y, r: scene.target.radius * scale });
     this.zones.replaceChildren(...scene.zones.map((zone) => this.drawn(zone, scale)));
     this.others.replaceChildren(...scene.others.map((disc) => this.drawn(disc, scale)));
+    this.guide.classList.toggle("csw-mean", scene.prior.length > 1);
     if (guide) {
-      this.guide.setAttribute("points", guide.positions.map((p) => this.toPixels(p).join()).join(" "));
+      this.guide.setAttribute("points", this.line(guide.positions));
       this.guide.classList.toggle("csw-stale", !guide.current);
     }
+    this.drawMixture(scene);
     const names = ["target 0"];
     scene.radars.forEach((_, k) => names.push(`radar ${k}`));
     scene.members.forEach((_, k) => names.push(`member ${k}`));
@@ -113,6 +118,41 @@ class MapView {
     }
     this.paths.replaceChildren();
     for (const name of names) this.drawPoint(name, scene);
+  }
+
+  line(positions) {
+    return positions.map((position) => this.toPixels(position).join()).join(" ");
+  }
+
+  /** Draw the paths of a mixture, as wide as they are likely. */
+  drawMixture(scene) {
+    const { mixture } = this.state;
+    const paths = mixture && scene.prior.length > 1 ? mixture.paths : [];
+    this.mixture.replaceChildren(...paths.map((positions, k) => make(
+      "polyline", { points: this.line(positions), "stroke-width": WIDTHS[0] + mixture.weights[k] * WIDTHS[1] },
+    )));
+    this.mixture.classList.toggle("csw-stale", Boolean(mixture) && !mixture.current);
+  }
+
+  /** Sum over the cases that have a radar of the worst prior, or until it is known of the prior. */
+  weight(index, scene) {
+    const { mixture } = this.state;
+    const priors = mixture && mixture.worst_prior.length === scene.prior.length ? mixture.worst_prior : scene.prior;
+    return scene.cases[index].reduce((sum, k) => sum + priors[k], 0);
+  }
+
+  /** Radars that move with one: those of its cloud. */
+  cloud(index, scene) {
+    const number = scene.clouds[index];
+    const others = [...scene.clouds.keys()].filter((k) => scene.clouds[k] === number);
+    return number === null ? [index] : others;
+  }
+
+  /** How dark a radar of a cloud is: the likeliest one of its cloud is as dark as others. */
+  drawWeight(index, scene, mark) {
+    const most = Math.max(...this.cloud(index, scene).map((k) => this.weight(k, scene)));
+    const share = scene.clouds[index] === null || most === 0 ? 1 : this.weight(index, scene) / most;
+    mark.querySelector("path").setAttribute("fill-opacity", FAINT + (1 - FAINT) * share);
   }
 
   /** The region of a zone. */
@@ -146,7 +186,10 @@ class MapView {
     const [kind, index] = name.split(" ");
     const named = kind === "member" && scene.kinds.length ? `, ${scene.kinds[index]},` : "";
     mark.classList.toggle("csw-uncounted", kind === "member" && !scene.counting[index]);
-    const label = `${title(name)}${named} at ${position.map((value) => short(value)).join(", ")}`;
+    if (kind === "radar") this.drawWeight(index, scene, mark);
+    const unsure = kind === "radar" && scene.clouds[index] !== null;
+    const cases = unsure ? `, case ${scene.cases[index].join(", ")}, weight ${short(this.weight(index, scene))}` : "";
+    const label = `${title(name)}${named} at ${position.map((value) => short(value)).join(", ")}${cases}`;
     mark.setAttribute("aria-label", `${label}; arrow keys move it`);
     mark.querySelector("title").textContent = label;
   }
@@ -214,8 +257,16 @@ class MapView {
 
   move(name, wanted, gesture) {
     const [point, index] = name.split(" ");
-    const shift = this.shift(name, this.state.scene);
+    const { scene } = this.state;
+    const shift = this.shift(name, scene);
     const position = this.inside(wanted).map((value, k) => value - shift[k]); // at time 0
+    if (point === "radar") {
+      const start = scene.radars[index];
+      for (const other of this.cloud(Number(index), scene)) {
+        const from = scene.radars[other];
+        this.moved.set(`radar ${other}`, from.map((value, k) => position[k] + (value - start[k])));
+      }
+    }
     this.moved.set(name, position);
     this.outbox.sendSoon({ type: "move", point, index: Number(index), position, gesture });
     this.draw();

@@ -70,22 +70,28 @@ class Player {
 /** The numbers: survival of the guide, and success of the policy. */
 class Results {
   constructor() {
+    this.measure = make("span", {}, "guide's survival ");
     this.survival = make("output", { class: "csw-survival" }, "…");
+    this.mixture = make("div", { class: "csw-mixed" });
+    this.cases = make("table", {});
     this.success = make("output", { class: "csw-success" }, "…");
     this.detail = make("div", { class: "csw-detail" });
     this.bar = make("div", { class: "csw-interval" });
     this.element = make(
       "div",
       { class: "csw-results" },
-      make("div", {}, "guide's survival ", this.survival),
+      make("div", {}, this.measure, this.survival),
+      this.mixture,
       make("div", {}, "success ", this.success),
       make("div", { class: "csw-track", "aria-hidden": "true" }, this.bar),
       this.detail,
+      make("div", { class: "csw-cases" }, this.cases),
     );
   }
 
-  update({ guide, success, busy }) {
-    if (guide) {
+  update({ scene, guide, mixture, success, busy }) {
+    if (scene.prior.length > 1) this.updateMixture(scene, mixture, success);
+    else if (guide) {
       const bound = guide.bound === null ? "" : ` (no guide exceeds ${ceil4(guide.bound)})`;
       this.survival.textContent = `${guide.survival.toFixed(4)}${bound}`;
       this.survival.classList.toggle("csw-stale", !guide.current);
@@ -98,5 +104,28 @@ class Results {
     this.detail.textContent = `${policy}, ${proven ? "proven bounds" : `95 % interval of ${runs} runs`}${more}`;
     this.bar.style.left = `${100 * low}%`;
     this.bar.style.width = `${Math.max(0.5, 100 * (high - low))}%`;
+  }
+
+  /** What a mixture of guides is worth, and the table of the cases. */
+  updateMixture(scene, mixture, success) {
+    const known = success && success.current ? success.by_case : [];
+    const values = (k) => [
+      k, scene.prior[k].toFixed(3),
+      mixture ? mixture.worst_prior[k].toFixed(3) : "", mixture ? mixture.survivals[k].toFixed(4) : "",
+      known.length ? `${floor4(known[k][0])} to ${ceil4(known[k][1])}` : "",
+    ];
+    const row = (tag, texts) => make("tr", {}, ...texts.map((text) => make(tag, {}, String(text))));
+    const names = ["case", "prior", "worst prior", "survival", "success"];
+    this.cases.replaceChildren(row("th", names), ...scene.prior.map((_, k) => row("td", values(k))));
+    if (!mixture) return;
+    const { low, high, pure, ambiguity, weights, note, current } = mixture;
+    const bound = high < 1 ? ` (no mixture exceeds ${ceil4(high)})` : "";
+    this.measure.textContent = `mixture's survival, ${ambiguity}: `;
+    this.survival.textContent = `${floor4(low)}${bound}`;
+    this.survival.title = note;
+    this.survival.classList.toggle("csw-stale", !current);
+    const paths = weights.length === 1 ? "1 path" : `${weights.length} paths`;
+    this.mixture.textContent =
+      `${paths}; best single path ${pure.toFixed(4)}, with the case known ${mixture.known.toFixed(4)}`;
   }
 }

@@ -6,6 +6,9 @@
 const STARTING = "starting …";
 const SILENCE = "no answer yet: another cell may be running; if the kernel was restarted, run this cell again";
 const HELP = "▲ radar, ● member, ⊕ target: drag them, or choose one with Tab and move it with the arrow keys";
+const HELP_CASES =
+  ". Radars that only some cases have are as dark as the worst prior makes them, and move together. " +
+  "Wide lines are the paths of the mixture; the thin line is the guide for the mean rates, which members follow";
 
 /** Whether a key is for the widget alone: a notebook may delete its cell when D is typed twice. */
 function isPlain(event) {
@@ -69,12 +72,13 @@ function render({ model, el }) {
     map.update(state);
     if (parts.scene) {
       name.textContent = state.scene.name;
+      help.textContent = HELP + (state.scene.prior.length > 1 ? HELP_CASES : "");
       controls.update(state.scene);
       buttons.undo.disabled = !state.scene.can_undo;
       buttons.redo.disabled = !state.scene.can_redo;
       settle();
     }
-    if (parts.guide || "success" in parts || "busy" in parts) results.update(state);
+    if (["scene", "guide", "mixture", "success", "busy"].some((name) => name in parts)) results.update(state);
     if (parts.guide && notice.textContent === STARTING) notify("");
     if (parts.runs) player.update(parts.runs);
     else if (parts.map) player.show(player.time);
