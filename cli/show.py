@@ -168,14 +168,16 @@ def explore(exploring: ExploreOptions) -> None:
     """Explore a scenario by hand, on a page in the browser.
 
     Radars, members and the target are dragged, or moved by the arrow keys; parameters have
-    sliders. The guide follows, then a bound on its survival, and the success of the policy. The
-    page can be opened on this computer only, by the address that is printed, and loads nothing
-    from other computers. SCENARIO is crossfire by default. Ctrl-C ends it.
+    sliders. The guide follows, then a bound on its survival, and the success of the policy. If the
+    hazard is not known (hazard.case), a mixture of guides follows, with a slider from the prior to
+    the worst case. The page can be opened on this computer only, by the address that is printed,
+    and loads nothing from other computers. SCENARIO is crossfire by default. Ctrl-C ends it.
 
     \b
     Examples:
       casswarm explore
       casswarm explore paper-1 --set guide.search=global
+      casswarm explore two-gaps
       casswarm explore mine.toml --out changed.toml --no-browser
     """
     with reported_errors():

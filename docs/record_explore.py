@@ -1,15 +1,18 @@
 """Record the pictures of casswarm explore in docs/images, with headless Chromium.
 
 A radar of crossfire is dragged into the way of the guide, step by step; every frame of explore.gif
-shows the page once its answer is complete. Needs the extra explore::
+shows the page once its answer is complete. In explore-cases.png, the radars of two-gaps that may be
+absent were dragged, and the ambiguity is that of the worst case. Needs the extra explore::
 
-    python docs/record_explore.py
+    python docs/record_explore.py [crossfire] [two-gaps]
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from PIL import Image
@@ -25,6 +28,7 @@ from devtools import Page, opened_page  # noqa: E402  (a helper of the tests)
 IMAGES = ROOT / "docs" / "images"
 RADAR, FRAMES, WIDTH = "[data-point='radar 4']", 18, 720
 TO = (0.0, 150.0)  # pixels
+CASES_RADAR = "[data-point='radar 2']"
 SHOWN = ".csw-main"
 READY = (
     "document.querySelector('.csw')?.dataset.busy === 'false' "
@@ -59,16 +63,35 @@ def palette_of(picture: Image.Image) -> Image.Image:
     return palette
 
 
-def main() -> None:
-    """Write explore.png and explore.gif."""
-    session = Session(csw.load_scenario("crossfire"))
+@contextmanager
+def explored(name: str) -> Iterator[tuple[Page, str]]:
+    """The page of a scenario with its first answer, and a temporary folder."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        page_server(session) as address,
+        page_server(Session(csw.load_scenario(name))) as address,
         opened_page(Path(folder), height=800) as page,
     ):
         page.open(address)
         page.wait(READY, 300)
+        yield page, folder
+
+
+def record_cases() -> None:
+    """Write explore-cases.png."""
+    with explored("two-gaps") as (page, _):
+        slider = "document.querySelector('input[type=range][name=ambiguity]')"
+        page.value(f"{slider}.value = 1; {slider}.dispatchEvent(new Event('input'))")
+        page.value(f"{slider}.dispatchEvent(new Event('change'))")
+        x, y = page.center(CASES_RADAR)
+        page.drag(CASES_RADAR, (x + 30, y - 15))
+        page.value("new Promise((done) => setTimeout(done, 500))")
+        page.wait(READY, 120)
+        page.screenshot(IMAGES / "explore-cases.png", ".csw")
+
+
+def record_drag() -> None:
+    """Write explore.png and explore.gif."""
+    with explored("crossfire") as (page, folder):
         page.value("document.querySelector('details').open = false")
         pictures = frames(page, Path(folder))
         page.value("document.querySelector('details').open = true")
@@ -89,5 +112,8 @@ def main() -> None:
     )
 
 
+RECORDS = {"crossfire": record_drag, "two-gaps": record_cases}
+
 if __name__ == "__main__":
-    main()
+    for chosen in sys.argv[1:] or RECORDS:
+        RECORDS[chosen]()

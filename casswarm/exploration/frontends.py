@@ -199,6 +199,10 @@ def explore(scenario: Scenario, policy: str = "leader", *, file: str | Path | No
     policy: proven bounds where its states can be enumerated quickly, else a 95 % interval of
     runs, which becomes narrower while nothing changes.
 
+    Of a hazard that is not known (``hazard.case``), a radar that only some cases have is dragged
+    with the others of its cloud. A mixture of guides, its value and the worst prior follow; a
+    slider goes from the prior to the worst case.
+
     Parameters
     ----------
     scenario : Scenario
@@ -212,7 +216,8 @@ def explore(scenario: Scenario, policy: str = "leader", *, file: str | Path | No
     -------
     widget
         An `anywidget.AnyWidget`, for Jupyter, VS Code, Colab and marimo. Its attributes are those
-        of the present state: `scenario`; `guide` and `study`, which wait until they are computed;
+        of the present state: `scenario`; `guide`, `mixture` (of a hazard that is not known) and
+        `study`, which wait until they are computed;
         `session`, with `undo`, `change` and more. The trait `revision` changes when the view shows
         another state and nothing moves any more: ``widget.observe(function, "revision")``. In
         marimo, cells that use ``mo.ui.anywidget(widget)`` then run again. Everything runs on this
@@ -264,6 +269,7 @@ def _widget_class() -> type[Any]:
 
         scenario = property(attrgetter("session.scenario"), doc="The present scenario.")
         guide = property(attrgetter("session.guide"), doc="Its guide.")
+        mixture = property(attrgetter("session.mixture"), doc="Mixture for an unknown hazard.")
         study = property(attrgetter("session.study"), doc="Its largest study so far.")
 
         def close(self) -> None:

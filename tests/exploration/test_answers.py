@@ -114,6 +114,58 @@ def test_policy_that_does_not_apply_says_why_and_keeps_guide():
     assert answer.success is None
 
 
+UNKNOWN = small(
+    [(0.0, 0.0)],
+    (6.0, 0.0),
+    [(3.0, 3.0)],
+    20,
+    hazard__case=[{"radars": [[3.0, -0.8]]}, {"radars": [[3.0, 0.8]]}],
+)
+
+
+def test_guides_for_an_unknown_hazard_are_mixed_and_bounded():
+    published = []
+    Inquiry(Question(1, UNKNOWN, "leader", 1.0), published.append, lambda: None).run()
+    drawn = [answer.drawn for answer in published]
+    assert drawn == sorted(drawn)
+    assert not drawn[0]  # the guide of the mean rates alone
+    last = published[-1]
+    assert last.failure == ""
+    worst = csw.plan(UNKNOWN, ambiguity="worst")
+    assert last.mixture.value.low == pytest.approx(worst.value.low, rel=1e-4)
+    assert worst.value.low <= last.mixture.value.high < 1
+    exact = csw.evaluate(UNKNOWN, "leader", 1e-6, guide=last.guide)
+    assert last.success[0].low <= exact.success.high
+    assert exact.success.low <= last.success[0].high
+    for (_, ours), (_, theirs) in zip(last.distribution.cases, exact.cases, strict=True):
+        assert ours.success.low <= theirs.success.high + 1e-12
+        assert theirs.success.low <= ours.success.high + 1e-12
+
+
+def test_near_mixture_answers_before_work_makes_way():
+    first = told(UNKNOWN)[-1]
+    moved = UNKNOWN.with_values({"hazard.case": [{"radars": [[3.2, y]]} for y in (-0.7, 0.9)]})
+    published: list[Answer] = []
+
+    def interrupt():
+        raise Superseded
+
+    with pytest.raises(Superseded):
+        Inquiry(Question(1, moved, "leader"), published.append, interrupt).run(first)
+    assert [answer.mixture is not None for answer in published] == [False, True]
+    full = csw.plan(moved, ambiguity="mean", certify=False)
+    assert published[-1].mixture.value.low == pytest.approx(full.value.low, rel=1e-3)
+
+
+def test_mixture_that_is_refused_says_why_and_success_follows():
+    zones = UNKNOWN.with_values({"target.other": [{"center": [6.0, 3.0], "radius": 0.5}]})
+    answer = told(zones)[-1]
+    assert "target.other" in answer.failure
+    assert answer.mixture is None
+    assert answer.drawn
+    assert answer.success[1]
+
+
 def test_thousands_of_questions_start_one_timer(monkeypatch):
     children = []
 

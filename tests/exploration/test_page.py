@@ -51,6 +51,8 @@ def chromium(tmp_path_factory):
 @pytest.fixture
 def page(chromium, session, address):
     """The page of the session's first state, once its answer is complete."""
+    chromium.open("about:blank")
+    chromium.wait("location.href === 'about:blank'")  # events of another test's page are over
     chromium.requests.clear()
     chromium.errors.clear()
     chromium.open(address)
@@ -298,4 +300,45 @@ def test_ghosts_of_a_run_are_drawn_where_news_are_late(chromium, tmp_path):
         text = chromium.value("document.querySelector('.csw-player output').textContent")
         assert text.endswith(f"{ghosts} ghost{'s' if ghosts > 1 else ''}")
         chromium.screenshot(tmp_path / "ghosts.png")
+    assert chromium.errors == []
+
+
+def test_cloud_of_cases_is_dragged_and_ambiguity_slid_from_mean_to_worst(chromium, tmp_path):
+    base = small([(0.0, 0.0), (0.0, 0.4)], (6.0, 0.0), [(3.0, 3.0)], 20)
+    cases = [{"radars": [[3.0, 3.0], [3.0, y]], "weight": w} for y, w in ((-1.0, 3), (1.0, 1))]
+    session = Session(base.with_values({"hazard.case": cases}))
+    text = "document.querySelector('.csw-results').innerText"
+    shades = "[...document.querySelectorAll('.csw-radar path')].map((p) => p.getAttribute('fill-opacity'))"
+    with page_server(session) as address:
+        chromium.errors.clear()
+        chromium.open(address)
+        session.wait(120)
+        chromium.wait(READY, 120)
+        assert "mixture's survival, mean" in chromium.value(text)
+        certain, likely, unlikely = (float(shade) for shade in chromium.value(shades))
+        assert certain == likely == 1.0
+        assert unlikely == pytest.approx(0.12 + 0.88 / 3)
+        for share, name in ((0.5, "tv 1"), (1, "worst")):
+            slider = "document.querySelector('input[type=range][name=ambiguity]')"
+            chromium.value(f"{slider}.value = {share}; {slider}.dispatchEvent(new Event('input'))")
+            chromium.value(f"{slider}.dispatchEvent(new Event('change'))")
+            chromium.wait(f"{text}.includes({name + ':'!r})", 60)
+        session.wait(120)
+        chromium.wait(READY, 120)
+        worst = csw.plan(session.scenario, ambiguity="worst")
+        survival = chromium.value("document.querySelector('.csw-survival').textContent")
+        assert float(survival.split()[0]) == pytest.approx(worst.value.low, rel=1e-3)
+        paths = chromium.value("document.querySelectorAll('.csw-mixture polyline').length")
+        assert paths == len(session.mixture.paths)
+        before = chromium.value("document.querySelector('.csw-survival').textContent")
+        drag(chromium, "[data-point='radar 1']", (0, -40))
+        chromium.wait(f"document.querySelector('.csw-survival').textContent !== {before!r}", 60)
+        session.wait(120)
+        chromium.wait(READY, 120)
+        (_, low), (_, high) = (case.scenario.hazard_table.radars for case in session.scenario.cases)
+        assert high[1] - low[1] == pytest.approx(2.0)
+        assert low[1] > -0.9
+        rows = chromium.value("document.querySelectorAll('.csw-cases tr').length")
+        assert rows == 1 + len(session.scenario.cases)
+        chromium.screenshot(tmp_path / "cases.png")
     assert chromium.errors == []

@@ -218,6 +218,49 @@ def test_page_gets_scene_first_and_then_what_changes(session, page, worker, guid
     assert messages[-1] == {"toml": session.scenario.to_toml()}
 
 
+@pytest.fixture
+def cloud(worker):  # noqa: ARG001
+    return Session(csw.load_scenario("cloud"))
+
+
+def test_ambiguity_is_a_state_that_is_undone(cloud):
+    for share in (0.2, 0.4):
+        assert cloud.choose_ambiguity(share, gesture="drag 1")
+    cloud.move("radar", 0, (3.4, -1.4))
+    assert cloud.ambiguity == 0.4
+    cloud.undo()
+    cloud.undo()
+    assert (cloud.ambiguity, cloud.history.can_undo) == (0.0, False)
+    for wrong in (-0.1, 1.1, float("nan")):
+        assert not cloud.choose_ambiguity(wrong)
+        assert "ambiguity = " in cloud.problem
+
+
+def test_page_of_cases_has_their_radars_and_a_slider(cloud):
+    messages = []
+    view = View(cloud, messages.append)
+    view.receive({"type": "open"})
+    scene = messages[0]["scene"]
+    assert scene["clouds"] == [0] * 9
+    assert scene["cases"] == [(k,) for k in range(9)]
+    assert sum(scene["prior"]) == pytest.approx(1.0)
+    assert scene["parameters"][0]["key"] == "ambiguity"
+    view.receive({"type": "change", "key": "ambiguity", "value": 1})
+    assert cloud.ambiguity == 1.0
+    assert messages[-1]["scene"]["parameters"][0]["value"] == 1.0
+    for wrong in ("much", None, 2):
+        view.receive({"type": "change", "key": "ambiguity", "value": wrong})
+    assert cloud.ambiguity == 1.0
+
+
+def test_known_hazard_has_no_mixture(session, page):
+    _, messages = page
+    assert "ambiguity" not in {item["key"] for item in messages[0]["scene"]["parameters"]}
+    assert messages[0]["scene"]["prior"] == [1.0]
+    with pytest.raises(csw.PlanningError, match="the hazard is known"):
+        _ = session.mixture
+
+
 @pytest.mark.parametrize(
     "message",
     [

@@ -14,7 +14,7 @@ from small_scenarios import small
 
 import casswarm as csw
 from casswarm.guide import MixedGuide
-from casswarm.guide.mixture import _groups
+from casswarm.guide.mixture import _groups, certify_mixture, plan_mixture
 
 FREE = {"guide__acceleration_limited": False, "guide__margin": 1e-6}
 WALL = [[1.5, y] for y in (-2.0, -1.2, -0.4, 0.4, 1.2, 2.0)]
@@ -220,3 +220,25 @@ def test_command_writes_the_mixture_and_draws_it_again(tmp_path) -> None:
         refused = casswarm("plan", *arguments)
         assert refused.returncode == 2 or refused.returncode == 1
         assert message in " ".join(refused.stderr.split())
+
+
+def test_search_near_a_mixture_finds_that_of_a_similar_scenario(worst) -> None:
+    walls = [[[x, y + 0.03 * x] for x, y in case.radars] for case in gaps().hazard_table.case]
+    moved = gaps().with_values({"hazard.case": [{"radars": radars} for radars in walls]})
+    near = plan_mixture(moved, "worst", near=worst, certify=False)
+    full = plan_mixture(moved, "worst", certify=False)
+    assert near.value.low == pytest.approx(full.value.low, rel=5e-3)
+    assert near.value.high == 1.0
+    certified = certify_mixture(moved, near)
+    assert full.value.low <= certified.value.high < 1
+    assert certified.value.low == near.value.low
+    assert certified.gap < 0.02
+
+
+def test_guides_of_the_cases_are_those_of_known_hazards(worst) -> None:
+    for case, guide, known in zip(gaps().cases, worst.guides, worst.known, strict=True):
+        assert guide.survival <= known * (1 + 1e-9)
+        assert guide.risk == pytest.approx(csw.plan(case.scenario, certify=False).risk, rel=1e-6)
+    risks = csw.plan(gaps(), ambiguity="worst", objective="risk", certify=False)
+    for case, guide in zip(gaps().cases, risks.guides, strict=True):
+        np.testing.assert_allclose(guide.rates, case.scenario.rates_along(guide.positions))

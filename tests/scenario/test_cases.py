@@ -104,7 +104,6 @@ def test_wrong_cases_are_refused(cases, message) -> None:
         csw.plan,
         csw.optimal_value,
         csw.ValueFunction.from_scenario,
-        csw.explore,
         csw.guide_problems,
     ],
 )

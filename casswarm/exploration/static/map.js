@@ -151,6 +151,7 @@ class MapView {
   /** How dark a radar of a cloud is: the likeliest one of its cloud is as dark as others. */
   drawWeight(index, scene, mark) {
     const most = Math.max(...this.cloud(index, scene).map((k) => this.weight(k, scene)));
+    mark.classList.toggle("csw-unsure", scene.clouds[index] !== null);
     const share = scene.clouds[index] === null || most === 0 ? 1 : this.weight(index, scene) / most;
     mark.querySelector("path").setAttribute("fill-opacity", FAINT + (1 - FAINT) * share);
   }

@@ -7,7 +7,7 @@ const STARTING = "starting …";
 const SILENCE = "no answer yet: another cell may be running; if the kernel was restarted, run this cell again";
 const HELP = "▲ radar, ● member, ⊕ target: drag them, or choose one with Tab and move it with the arrow keys";
 const HELP_CASES =
-  ". Radars that only some cases have are as dark as the worst prior makes them, and move together. " +
+  ". Dashed radars are in some cases only: they are as dark as the worst prior makes them, and move together. " +
   "Wide lines are the paths of the mixture; the thin line is the guide for the mean rates, which members follow";
 
 /** Whether a key is for the widget alone: a notebook may delete its cell when D is typed twice. */
