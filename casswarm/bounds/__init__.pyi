@@ -6,7 +6,8 @@ from .acceleration_bound import (
 )
 from .belief_bound import MixtureBound, MixtureLevel, mixture_bound
 from .level_game import PotentialFamily
-from .risk_bound import Certificate, Level, certify
+from .refinement import Level
+from .risk_bound import Certificate, certify
 from .success_bound import SuccessBound
 from .two_members import PairBound, PairValueFunction, pair_bound, require_pair
 

@@ -11,6 +11,32 @@ from typing import TypeVar
 _Level = TypeVar("_Level")
 
 
+@dataclass(frozen=True)
+class Level:
+    """Grid of a refinement.
+
+    Parameters
+    ----------
+    stride, reach : int
+        Time steps from one sample of a path to the next, and nodes by which a coordinate changes.
+    spacing : float
+        Side of a cell, in units of length.
+    nodes : int
+        Number of nodes over all samples.
+    bound : float
+        Lower bound on the risk of any guide, from the grids so far.
+    seconds : float
+        Since the start of the refinement.
+    """
+
+    stride: int
+    reach: int
+    spacing: float
+    nodes: int
+    bound: float
+    seconds: float
+
+
 @dataclass
 class Clock:
     """Time since the start and the last level of a refinement, and until its end."""

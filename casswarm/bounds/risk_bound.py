@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Generator, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -21,37 +21,13 @@ from ..grid.dynamic_programming import (
 from ..grid.nodes import Grid, NodeBlock, Relaxation, corners, extremum_within_reach
 from ..typing import FloatArray
 from .acceleration_bound import AccelerationBound
-from .refinement import Clock, refined
+from .disc_bound import disc_levels
+from .refinement import Clock, Level, refined
 
 GAP = 0.01  # default relative gap at which a certificate is good enough
 FIRST_NODES = 400_000  # maximum of the first grid, if the stride can be chosen so
 MAX_NODES = 10_000_000  # maximum of any grid: three numbers each take 240 MB
-
-
-@dataclass(frozen=True)
-class Level:
-    """Grid of a refinement.
-
-    Parameters
-    ----------
-    stride, reach : int
-        Time steps from one sample of a path to the next, and nodes by which a coordinate changes.
-    spacing : float
-        Side of a cell, in units of length.
-    nodes : int
-        Number of nodes over all samples.
-    bound : float
-        Lower bound on the risk of any guide, from the grids so far.
-    seconds : float
-        Since the start of the refinement.
-    """
-
-    stride: int
-    reach: int
-    spacing: float
-    nodes: int
-    bound: float
-    seconds: float
+_SHARE = 0.1  # of the time, for paths that are rounded to nodes, where `disc_levels` follow
 
 
 @dataclass(frozen=True)
@@ -135,7 +111,12 @@ def certify(
     clock = Clock(time.monotonic() + time_limit)
     late = f"the next grid would exceed the time limit of {time_limit:.3g} s"
     grid = Grid.finest(task, first_nodes)
-    levels, reason = refined(_levels(grid, best, multiplier, gap, max_nodes, clock), late)
+    first = replace(clock, deadline=clock.started + _SHARE * time_limit) if task.disc else clock
+    levels, reason = refined(_levels(grid, best, multiplier, gap, max_nodes, first), late)
+    if task.disc and levels[-1].bound < (1 - gap) * best:
+        goals = levels[-1].bound, best, multiplier, gap, max_nodes, clock
+        finer, reason = refined(disc_levels(task, *goals), late)
+        levels += finer
     return Certificate(levels[-1].bound, best, reason, levels, clock.seconds)
 
 

@@ -55,13 +55,13 @@ class StageCosts:
         """Risk of a visit; infinite at nodes of no active cell."""
         phases: dict[tuple[Relaxation, ...], list[int]] = {}
         for sample in range(len(self.grid.blocks)):
-            phases.setdefault(self._relaxations(sample), []).append(sample)
+            phases.setdefault(self.relaxations(sample), []).append(sample)
         values: Values = [[] for _ in self.grid.blocks]
         for relaxations, samples in phases.items():
             self._write_phase(relaxations, samples, values)
         return values
 
-    def _relaxations(self, sample: int) -> tuple[Relaxation, ...]:
+    def relaxations(self, sample: int) -> tuple[Relaxation, ...]:
         """The task with the rates of the steps that a sample, from 0, may be taken at.
 
         For a bound those are all m of them: the m paths of a guide have different ones.
@@ -90,11 +90,11 @@ class StageCosts:
         hull = NodeBlock.hull(block.nodes for block in blocks)
         # one evaluation serves all samples where their blocks overlap enough
         size = sum(block.nodes.size for block in blocks)
-        shared = self._rates(hull, relaxations) if hull.size <= size else None
+        shared = self.visits(hull, relaxations) if hull.size <= size else None
 
         def costs(block: CellBlock) -> FloatArray:
             nodes = block.nodes
-            whole = self._rates(nodes, relaxations) if shared is None else shared
+            whole = self.visits(nodes, relaxations) if shared is None else shared
             rates = whole if shared is None else whole[nodes.within(hull)]
             return rates if block.cells.all() else np.where(block.visited, rates, np.inf)
 
@@ -107,8 +107,8 @@ class StageCosts:
         other.__dict__["nodes"] = self.nodes
         return other
 
-    def _rates(self, nodes: NodeBlock, relaxations: tuple[Relaxation, ...]) -> FloatArray:
-        """Least risk of a visit, of those with the rates of each relaxation."""
+    def visits(self, nodes: NodeBlock, relaxations: tuple[Relaxation, ...]) -> FloatArray:
+        """Least risk of a visit to each node, of those with the rates of each relaxation."""
         grid = self.grid
         east, north = grid.axes(nodes)
         least: FloatArray | None = None

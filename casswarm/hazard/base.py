@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._util.text import shown
 from ..errors import HazardError
 from ..typing import BoolArray, Expr, FloatArray, IntArray
-from .rate_bounds import LeastRate, PairBounds
+from .rate_bounds import LeastRate, PairBounds, nodes_below
 
 
 class Hazard(ABC):
@@ -304,8 +304,8 @@ class Hazard(ABC):
     ) -> FloatArray | None:
         """Values at grid nodes whose bilinear interpolation is nowhere above `single_agent_rates`.
 
-        By default the lower bound over the four cells around each node, whose error is of the order
-        of the spacing; with known second derivatives it is of the order of its square.
+        By default by lower bounds over parts of cells, whose error is of the order of their size;
+        with known second derivatives it is of the order of the square of the spacing.
 
         Parameters
         ----------
@@ -319,7 +319,19 @@ class Hazard(ABC):
         ndarray of shape (n, m), or None if `single_agent_lower_bound` is None
         """
         nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
-        return self.single_agent_lower_bound(nodes - spacing, nodes + spacing)
+        around = self.single_agent_lower_bound(nodes - spacing, nodes + spacing)
+        if around is None or min(around.shape) < 2:
+            return around
+        rates = self.single_agent_rates(nodes)
+        if not np.isfinite(rates).all():
+            return around
+
+        def bound(lower: FloatArray, upper: FloatArray) -> FloatArray:
+            least = self.single_agent_lower_bound(lower, upper)
+            assert least is not None
+            return least
+
+        return nodes_below(rates, nodes, bound)
 
 
 def checked_radars(radars: ArrayLike) -> tuple[tuple[float, float], ...]:

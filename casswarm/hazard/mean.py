@@ -108,7 +108,7 @@ class MeanHazard(Hazard):
     def single_agent_rates_below(
         self, east: FloatArray, north: FloatArray, spacing: float
     ) -> FloatArray | None:
-        nodes = east, north, spacing
-        if any(each.single_agent_rates_below(*nodes) is None for each in self.hazards):
+        below = {each: each.single_agent_rates_below(east, north, spacing) for each in self.hazards}
+        if any(values is None for values in below.values()):
             return None
-        return np.asarray(self._mean(lambda each: each.single_agent_rates_below(*nodes)))
+        return np.asarray(self._mean(below.__getitem__))

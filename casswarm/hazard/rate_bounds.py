@@ -31,6 +31,7 @@ import numpy as np
 from ..typing import FloatArray
 
 _INTERVALS = 4096
+_PARTS = 4  # of the side of a cell
 _ROUNDED = 1 - 1e-12
 """Downward by more than all rounding here."""
 
@@ -81,6 +82,29 @@ def largest_around(cells: FloatArray) -> FloatArray:
     """Largest value (n, m) of the cells (n+1, m+1) around every node."""
     rows = np.maximum(cells[:-1], cells[1:])
     return np.asarray(np.maximum(rows[:, :-1], rows[:, 1:]))
+
+
+def nodes_below(
+    rates: FloatArray, nodes: FloatArray, bound: Callable[[FloatArray, FloatArray], FloatArray]
+) -> FloatArray:
+    """Node values below rates (n, m) at nodes (n, m, 2), from lower bounds over boxes.
+
+    In every cell, interpolated rates exceed `bound`, a function of corners (..., 2) of boxes, by at
+    most as much as they do in one of its parts; the nodes around are lowered by that. The error is
+    of the order of the parts' size.
+    """
+    low, sides = nodes[:-1, :-1], nodes[1:, 1:] - nodes[:-1, :-1]
+    places = np.arange(_PARTS + 1) / _PARTS
+    along = [(1 - s) * rates[:-1] + s * rates[1:] for s in places]
+    at = [[(1 - s) * line[:, :-1] + s * line[:, 1:] for s in places] for line in along]
+    excess = np.zeros(low.shape[:-1])
+    for i, j in np.ndindex(_PARTS, _PARTS):
+        least = bound(low + places[[i, j]] * sides, low + places[[i + 1, j + 1]] * sides)
+        most = np.maximum(
+            np.maximum(at[i][j], at[i][j + 1]), np.maximum(at[i + 1][j], at[i + 1][j + 1])
+        )
+        np.maximum(excess, most - least, out=excess)
+    return rates - largest_around(np.pad(excess, 1)) - (1 - _ROUNDED) * np.abs(rates)
 
 
 def least_inverse_squares(
