@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..compiled.parallel import execute
 from ..grid.dynamic_programming import START, StageCosts, rounding
@@ -80,8 +81,8 @@ class DiscMoves(NamedTuple):
         return out
 
 
-def _directions(numbers: FloatArray, count: int) -> FloatArray:
-    angles = 2 * math.pi / count * numbers
+def _directions(numbers: ArrayLike, count: int) -> FloatArray:
+    angles = 2 * math.pi / count * np.asarray(numbers, float)
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
@@ -281,7 +282,7 @@ def disc_levels(
     program = next((each for each in programs if each.size <= max_nodes), None)
     if program is None:
         return f"the first grid has more than {max_nodes:,} nodes"
-    DiscMoves.within(1).least(np.zeros((1, 1)), START, START)  # compiles before the time of a level is taken
+    DiscMoves.within(1).least(np.zeros((1, 1)), START, START)  # compiles, before the time is taken
     clock.begin()
     while program.size <= max_nodes:
         bound = max(bound, min(best, program.bound))

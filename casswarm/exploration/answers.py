@@ -52,8 +52,8 @@ _DECADES = 1e3  # ratio of the ends of the scale
 class HazardMap:
     """Rates of a single agent at the pixels of a square map, on a logarithmic scale.
 
-    Prior means if the hazard is not known. There are T maps of the same square: one, or of steps from the first to the last if rates depend
-    on time.
+    Prior means if the hazard is not known. There are T maps of the same square: one, or of steps
+    from the first to the last if rates depend on time.
     """
 
     low: FloatArray  # corners (2,) of the map
@@ -327,8 +327,9 @@ class Inquiry:
         published = time.monotonic()
 
         def distribution() -> OutcomeDistribution:
-            known = zip(cases, expansions, strict=True)
-            return OutcomeDistribution.of_cases([(c.weight, each.distribution()) for c, each in known])
+            weights = [case.weight for case in cases]
+            laws = [expansion.distribution() for expansion in expansions]
+            return OutcomeDistribution.of_cases(list(zip(weights, laws, strict=True)))
 
         def report(*_: object) -> None:
             nonlocal published

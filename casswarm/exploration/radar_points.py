@@ -118,7 +118,9 @@ def with_radar_at(
         for key in moving
     }
     table = scenario.hazard_table
-    values = {f"hazard.{name}": value for name, value in _moved(table, places).items()}
+    values: dict[str, object] = {
+        f"hazard.{name}": value for name, value in _moved(table, places).items()
+    }
     if table.case:
         cases = [{"weight": c.weight} | c.given | _moved(c, places) for c in table.case]
         values["hazard.case"] = cases

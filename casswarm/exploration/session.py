@@ -181,7 +181,7 @@ class Session:
         return self._try(chosen)
 
     def choose_ambiguity(self, ambiguity: float, gesture: object = None) -> bool:
-        """Choose how far priors may be from that of the scenario; return whether it is in [0, 1]."""
+        """Choose how far priors may be from the scenario's; return whether it is in [0, 1]."""
 
         def chosen() -> dict[str, Any]:
             if not 0 <= ambiguity <= 1:

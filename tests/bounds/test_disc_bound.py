@@ -1,4 +1,4 @@
-"""Bounds of paths whose speed is limited in every direction: lemmas, known answers, no violation."""
+"""Bounds of paths whose speed is limited in every direction: lemmas and known answers."""
 
 from __future__ import annotations
 
@@ -51,9 +51,7 @@ def test_lowered_values_interpolated_twice_are_not_above_those_interpolated_once
     shift = np.array([dx, dy])
     corners = [np.array([2 + a, 2 + b]) for a in (0, 1) for b in (0, 1)]
     weights = [(s if a else 1 - s) * (t if b else 1 - t) for a in (0, 1) for b in (0, 1)]
-    twice = sum(
-        w * interpolated(lowered, c + shift) for w, c in zip(weights, corners, strict=True)
-    )
+    twice = sum(w * interpolated(lowered, c + shift) for w, c in zip(weights, corners, strict=True))
     assert twice <= interpolated(values, np.array([2 + s, 2 + t]) + shift) + 1e-9
 
 

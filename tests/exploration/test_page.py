@@ -308,7 +308,8 @@ def test_cloud_of_cases_is_dragged_and_ambiguity_slid_from_mean_to_worst(chromiu
     cases = [{"radars": [[3.0, 3.0], [3.0, y]], "weight": w} for y, w in ((-1.0, 3), (1.0, 1))]
     session = Session(base.with_values({"hazard.case": cases}))
     text = "document.querySelector('.csw-results').innerText"
-    shades = "[...document.querySelectorAll('.csw-radar path')].map((p) => p.getAttribute('fill-opacity'))"
+    radars = "[...document.querySelectorAll('.csw-radar path')]"
+    shades = f"{radars}.map((path) => path.getAttribute('fill-opacity'))"
     with page_server(session) as address:
         chromium.errors.clear()
         chromium.open(address)

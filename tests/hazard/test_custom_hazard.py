@@ -9,9 +9,12 @@ import casadi as ca
 import numpy as np
 import pytest
 from hazard_cases import Array, symbolic
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from refusals import refused
 
 from casswarm.errors import HazardError
+from casswarm.grid.nodes import multilinear
 from casswarm.hazard import CustomHazard, Saturation, SaturationCollision
 
 RADARS = ((4.4, 4.6), (4.5, 3.0))
@@ -260,3 +263,35 @@ def test_lower_bound_below_rates_is_returned() -> None:
     hazard = CustomHazard(ramp, lower_bound=lambda lower, upper: 1 + 0 * (lower + upper)[..., 0])
     lower = np.linspace(0, 1, 600).reshape(30, 10, 2)
     assert hazard.single_agent_lower_bound(lower, lower + 1).shape == (30, 10)
+
+
+def peak(positions, alive):
+    """A rate that falls from 10 with the distance from (0.3, -0.2)."""
+    del alive
+    return 1.0 / ((positions[:, 0] - 0.3) ** 2 + (positions[:, 1] + 0.2) ** 2 + 0.1)
+
+
+def below_peak(lower, upper):
+    """Rates at the corners that are the farthest away."""
+    center = np.array([0.3, -0.2])
+    farthest = np.maximum(np.abs(lower - center), np.abs(upper - center))
+    return 1.0 / ((farthest**2).sum(axis=-1) + 0.1)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.1, 0.5]))
+@settings(max_examples=40, deadline=None)
+def test_node_values_are_below_rates_and_closer_than_bounds_of_cells(seed, spacing) -> None:
+    rng = np.random.default_rng(seed)
+    hazard = CustomHazard(peak, lower_bound=below_peak)
+    east, north = (rng.uniform(-1, 1) + spacing * np.arange(count) for count in (9, 7))
+    values = hazard.single_agent_rates_below(east, north, spacing)
+    cells = np.stack([rng.integers(0, 8, 400), rng.integers(0, 6, 400)], axis=-1)
+    fractions = rng.uniform(0, 1, (400, 2))
+    points = np.array([east[0], north[0]]) + spacing * (cells + fractions)
+    rates = hazard.single_agent_rates(points)
+    assert (multilinear(values, cells, fractions) <= rates).all()
+    nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1)
+    exact = hazard.single_agent_rates(nodes)
+    around = hazard.single_agent_lower_bound(nodes - spacing, nodes + spacing)
+    if spacing < 0.5:
+        assert (exact - values).max() < 0.6 * (exact - around).max()
