@@ -191,9 +191,11 @@ class PlanningError(CasswarmError, RuntimeError):
     The attribute `outcomes` has these counts. Of a problem that is too large, `nodes`, `max_nodes`,
     `steps` and `members` are its size and the limit. Of a hazard that is not known, `case` is the
     index of a case without a guide, and `ambiguity` is a set of priors that is not `allowed`.
+    `remedies` are changes of keys (`casswarm.guide.remedies.Remedy`) of which each is enough.
     """
 
     outcomes: Mapping[str, int] | None = None
+    remedies: tuple[object, ...] | None = None
     time_limit: float | None = None
     nodes: int | None = None
     max_nodes: int | None = None

@@ -229,13 +229,12 @@ class DiscProgram:
     @cached_property
     def bound(self) -> float:
         """No path of the task has less risk: W_0 at the start, less rounding errors."""
-        return float(self.to_go[0][0, 0]) - self._rounding
-
-    @cached_property
-    def _rounding(self) -> float:
-        """Bound on rounding errors of the cost of a path, and on those of points on lines."""
         pairs = zip(self.to_go[1:], self.visits, strict=True)
         largest = max(float((np.abs(to_go) + visit).max()) for to_go, visit in pairs)
+        return float(self.to_go[0][0, 0]) - self._rounding(largest)
+
+    def _rounding(self, largest: float) -> float:
+        """Bound on rounding errors of costs up to the largest one, and of points on lines."""
         lines = 10 * _ON_NODE * self.steps * largest
         return lines + _OPERATIONS * rounding(self.costs, largest)
 
@@ -249,10 +248,11 @@ class DiscProgram:
         near = self.task.step / _STARTS
         come = self.multiplier * self._beyond(self.task.start, near)
         come += self.multiplier * near / 2  # 0 at the start, at most
+        errors = self._rounding(float(np.abs(come).max()) + self.steps * self.best)
         used, steps = np.zeros(nodes.shape, bool), 0
         for step in range(self.steps):
             come = moves.least(come - convexity_excess(come), nodes, nodes) + self.visits[step]
-            active = come + self.to_go[step + 1] <= self.best + self._rounding
+            active = come + self.to_go[step + 1] <= self.best + errors
             if not active.any():
                 break
             used, steps = used | active, step + 1

@@ -25,6 +25,7 @@ from .agent import plan_from
 from .certificate import certify_guide
 from .guide import Guide
 from .mixture import MixedGuide, plan_mixture
+from .remedies import remedies
 from .risk_mixture import plan_risk_mixture
 
 _BASELINE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the target
@@ -189,7 +190,7 @@ def plan(
         progress=progress,
     )
     if check and not guide.arrives:
-        raise _no_arrival(guide)
+        raise _no_arrival(scenario, guide)
     if guide.arrives and guide.failed and not guide.note:
         reason = f"{guide.solution.solver}: {guide.solution.message}"
         guide = replace(guide, note=f"not a minimum: no solve succeeded ({reason})")
@@ -264,13 +265,20 @@ def plan_baseline(scenario: Scenario, guide: Guide, *, time_limit: float | None 
     return replace(baseline, risk_bound=certificate.bound, certificate=certificate)
 
 
-def _no_arrival(guide: Guide) -> PlanningError:
+def _no_arrival(scenario: Scenario, guide: Guide) -> PlanningError:
     counts = ", ".join(f"{count} {status}" for status, count in guide.outcomes.items())
-    advice = "try a larger a_max or t_f, a smaller guide.margin, or acceleration_limited = false"
+    found = None if guide.note else remedies(scenario)
+    advice = "there are paths that obey all limits: try guide.search = 'global', or a larger t_f"
     if guide.note:
         advice = f"{guide.note}: raise it, or choose a larger time.dt"
+    elif found is None:
+        advice = "try a larger a_max or t_f, or a smaller guide.margin"
+    elif found:
+        changes = "; ".join(map(str, found))
+        advice = f"the limits of motion contradict each other; one change is enough: {changes}"
     return PlanningError(
         f"no guide found: of {counted(len(guide.candidates), 'solve')} ({counts}) none arrives in "
         f"the target; {advice}; check=False returns the best failure",
         outcomes=guide.outcomes,
+        remedies=found,
     )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._util.text import counted
+from ..errors import SolverError
 from ..typing import BoolArray, FloatArray, IntArray
 
 
@@ -207,6 +208,35 @@ class BatchSolution:
     lam_g: FloatArray
     iterations: IntArray
     sensitivities: Sensitivities | None = None
+
+    @property
+    def dx_dp(self) -> FloatArray:
+        """`Sensitivities.dx_dp`, (B, nx, np); SolverError if they were not asked for."""
+        return self._derivatives.dx_dp
+
+    @property
+    def dlam_dp(self) -> FloatArray:
+        """`Sensitivities.dlam_dp`, (B, nx + ng, np); SolverError if they were not asked for."""
+        return self._derivatives.dlam_dp
+
+    @property
+    def value_gradient(self) -> FloatArray:
+        """`Sensitivities.value_gradient`, (B, np); SolverError if they were not asked for."""
+        return self._derivatives.value_gradient
+
+    @property
+    def weakly_active(self) -> BoolArray:
+        """`Sensitivities.weakly_active`, (B, nx + ng); SolverError if they were not asked for."""
+        return self._derivatives.weakly_active
+
+    @property
+    def _derivatives(self) -> Sensitivities:
+        if self.sensitivities is None:
+            raise SolverError(
+                "this batch has no derivatives by its parameters: solve it with "
+                "solve_batch(..., sensitivities=True)"
+            )
+        return self.sensitivities
 
     def __repr__(self) -> str:
         largest = self.violation.max(initial=0.0), self.stationarity[self.success].max(initial=0.0)

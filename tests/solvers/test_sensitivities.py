@@ -125,7 +125,13 @@ def test_sensitivities_of_failed_and_none_are_nan_and_empty() -> None:
     assert not solution.success.any()
     assert not solution.sensitivities.regular.any()
     assert np.isnan(solution.sensitivities.value_gradient).all()
-    assert FilterInteriorPoint().solve_batch(nlp, instances).sensitivities is None
+    for name in ("dx_dp", "dlam_dp", "value_gradient", "weakly_active"):
+        theirs = getattr(solution.sensitivities, name)
+        np.testing.assert_array_equal(getattr(solution, name), theirs)
+    without = FilterInteriorPoint().solve_batch(nlp, instances)
+    assert without.sensitivities is None
+    with pytest.raises(SolverError, match="sensitivities=True"):
+        _ = without.dx_dp
     with pytest.raises(SolverError, match="multipliers"):
         sensitivities(nlp, instances, solution, (np.zeros((5, 1)), np.zeros((5, 1))))
 
