@@ -268,7 +268,7 @@ def plan_baseline(scenario: Scenario, guide: Guide, *, time_limit: float | None 
 def _no_arrival(scenario: Scenario, guide: Guide) -> PlanningError:
     counts = ", ".join(f"{count} {status}" for status, count in guide.outcomes.items())
     found = None if guide.note else remedies(scenario)
-    advice = "there are paths that obey all limits: try guide.search = 'global', or a larger t_f"
+    advice = "there are paths that obey all limits: try Ipopt with guide.search = 'global'"
     if guide.note:
         advice = f"{guide.note}: raise it, or choose a larger time.dt"
     elif found is None:

@@ -53,13 +53,14 @@ def _shown(value: object) -> str:
 def remedies(scenario: Scenario) -> tuple[Remedy, ...] | None:
     """Changes of single keys that let a path of `scenario` arrive; none if one does already.
 
-    A path may arrive after all steps, or a half, a quarter or three quarters of them. None instead
-    of a tuple means that the horizon is too long for an answer.
+    A path may arrive after all steps, or a half, a quarter or three quarters of them. None means
+    that no single change is enough, or that there is no answer: for several target zones, members
+    that differ, and long horizons.
     """
-    scenario = scenario.for_guide
     steps = scenario.n_steps
-    if steps > _MOST_STEPS:
+    if scenario.target.other or scenario.swarm.kind is not None or steps > _MOST_STEPS:
         return None
+    scenario = scenario.for_guide
     initial = scenario.swarm.initial_velocity
     task = GuideTask.from_scenario(scenario, scenario.guide_start, initial)
     quarters = (4,) if scenario.guide.arrival == "horizon" else (1, 2, 3, 4)
@@ -67,7 +68,7 @@ def remedies(scenario: Scenario) -> tuple[Remedy, ...] | None:
     radius = _least(task, tried, "radius")
     if radius <= 1 + _TOLERANCE:
         return ()
-    return tuple(_found(scenario, task, tried, radius * task.radius))
+    return tuple(_found(scenario, task, tried, radius * task.radius)) or None
 
 
 def _found(scenario: Scenario, task: GuideTask, tried: set[int], radius: float) -> Iterator[Remedy]:
