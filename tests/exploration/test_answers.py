@@ -123,6 +123,7 @@ UNKNOWN = small(
 )
 
 
+@pytest.mark.slow
 def test_guides_for_an_unknown_hazard_are_mixed_and_bounded():
     published = []
     Inquiry(Question(1, UNKNOWN, "leader", 1.0), published.append, lambda: None).run()

@@ -51,7 +51,7 @@ def corridor(hazard, **options):
     return corridor_formation(step(hazard, **options), 0.05)
 
 
-@pytest.mark.parametrize("n", [5, LARGE_SWARM + 1])
+@pytest.mark.parametrize("n", [5, pytest.param(LARGE_SWARM + 1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("differ", [False, True])
 @pytest.mark.parametrize("hazard", HAZARDS)
 def test_compiled_objective_equals_casadi(hazard, differ, n):
