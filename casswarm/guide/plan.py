@@ -274,11 +274,11 @@ def _no_arrival(scenario: Scenario, guide: Guide) -> PlanningError:
     elif found is None:
         advice = "try a larger a_max or t_f, or a smaller guide.margin"
     elif found:
-        changes = "; ".join(map(str, found))
-        advice = f"the limits of motion contradict each other; one change is enough: {changes}"
+        changes = "".join(f"\n  {change}" for change in found)
+        advice = f"the limits of motion contradict each other, and one change is enough:{changes}"
     return PlanningError(
         f"no guide found: of {counted(len(guide.candidates), 'solve')} ({counts}) none arrives in "
-        f"the target; {advice}; check=False returns the best failure",
+        f"the target (check=False returns the best failure); {advice}",
         outcomes=guide.outcomes,
         remedies=found,
     )
