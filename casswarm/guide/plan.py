@@ -278,7 +278,7 @@ def _no_arrival(scenario: Scenario, guide: Guide) -> PlanningError:
         advice = f"the limits of motion contradict each other, and one change is enough:{changes}"
     return PlanningError(
         f"no guide found: of {counted(len(guide.candidates), 'solve')} ({counts}) none arrives in "
-        f"the target (check=False returns the best failure); {advice}",
+        f"the target; check=False returns the best failure; {advice}",
         outcomes=guide.outcomes,
         remedies=found,
     )
