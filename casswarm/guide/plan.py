@@ -25,7 +25,6 @@ from .agent import plan_from
 from .certificate import certify_guide
 from .guide import Guide
 from .mixture import MixedGuide, plan_mixture
-from .remedies import remedies
 from .risk_mixture import plan_risk_mixture
 
 _BASELINE_MARGIN = 1e-6  # of the radius: rounding must not leave the last step outside the target
@@ -266,6 +265,8 @@ def plan_baseline(scenario: Scenario, guide: Guide, *, time_limit: float | None 
 
 
 def _no_arrival(scenario: Scenario, guide: Guide) -> PlanningError:
+    from .remedies import remedies  # seldom needed
+
     counts = ", ".join(f"{count} {status}" for status, count in guide.outcomes.items())
     found = None if guide.note else remedies(scenario)
     advice = "there are paths that obey all limits: try Ipopt with guide.search = 'global'"
