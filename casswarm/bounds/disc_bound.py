@@ -117,16 +117,15 @@ def _interpolation(points: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
 def convexity_excess(values: FloatArray) -> FloatArray:
     """By how much values (n, m) are lowered so that a second interpolation is not above the first.
 
-    For moves by any fraction of a cell; 0 where values are concave. Differences are left out that
-    need values which are infinite, or outside.
+    For moves by any fraction of a cell; 0 where values are concave. Values are finite, and
+    differences that need others outside are left out.
     """
     along = [np.zeros_like(values) for _ in range(3)]
-    with np.errstate(invalid="ignore"):
-        along[0][1:-1] = np.diff(values, 2, axis=0)
-        along[1][:, 1:-1] = np.diff(values, 2, axis=1)
-        along[2][1:-1, 1:-1] = np.diff(along[0], 2, axis=1)[1:-1]
+    along[0][1:-1] = np.diff(values, 2, axis=0)
+    along[1][:, 1:-1] = np.diff(values, 2, axis=1)
+    along[2][1:-1, 1:-1] = np.diff(along[0], 2, axis=1)[1:-1]
     largest = [
-        _largest(np.where((difference > 0) & np.isfinite(difference), difference, 0.0), reach)
+        _largest(np.maximum(difference, 0.0), reach)
         for difference, reach in zip(along, ((0, 1), (1, 0), (0, 0)), strict=True)
     ]
     return _largest(largest[0] / 4 + largest[1] / 4 + largest[2] / 16, (1, 1))
@@ -194,11 +193,7 @@ class DiscProgram:
 
         A path with a more expensive one is no better; and beside radars, costs are very convex.
         """
-        capped: dict[int, FloatArray] = {}  # by the array, which steps with the same rates share
-        for (costs,) in self.costs.nodes:
-            if id(costs) not in capped:
-                capped[id(costs)] = np.minimum(costs, self.best)
-        return [capped[id(costs)] for (costs,) in self.costs.nodes]
+        return [np.minimum(costs, self.best) for (costs,) in self.costs.nodes]
 
     def _beyond(self, center: FloatArray, radius: float) -> FloatArray:
         """About the distance from a circle, 0 or less inside when interpolated, but smooth."""
