@@ -35,7 +35,7 @@ class Remedy(NamedTuple):
     value : object
         What the scenario has.
     enough : object
-        What is enough, rounded outwards to three digits.
+        What is enough, rounded outwards to three digits, a horizon to five.
     """
 
     key: str
@@ -86,7 +86,8 @@ def _found(scenario: Scenario, task: GuideTask, tried: set[int], radius: float) 
         if _least(free, tried, "radius") <= 1 + _TOLERANCE:
             yield Remedy("swarm.velocity", list(swarm.velocity), "guide")
     if (enough := _horizon(task, scenario.n_steps)) is not None:
-        yield Remedy("time.t_f", scenario.time.t_f, _up(enough * scenario.time.dt))
+        horizon = _up(enough * scenario.time.dt, 5)  # closer than a step: no other number of them
+        yield Remedy("time.t_f", scenario.time.t_f, horizon)
     zone, margin = scenario.target.radius, scenario.arrival_margin
     if (larger := _up(_zone(scenario, radius))) < np.hypot(*(task.center - task.start)):
         yield Remedy("target.radius", zone, larger)  # which does not hold the start

@@ -67,3 +67,11 @@ def test_smallest_acceleration_from_rest_is_that_of_a_straight_line() -> None:
 def test_possible_scenarios_need_no_change_and_long_ones_get_no_answer() -> None:
     assert remedies(scenario(8)) == ()
     assert remedies(scenario(500, **SLOW)) is None
+
+
+def test_horizon_has_the_number_of_steps_that_is_enough() -> None:
+    """A path of another length need not exist where the guide arrives at the end of the horizon."""
+    fixed = CASES["margin"].with_values({"guide.arrival": "horizon"})
+    (horizon,) = (r for r in remedies(fixed) if r.key == "time.t_f")
+    assert fixed.with_values({"time.t_f": horizon.enough}).n_steps == 5
+    assert arrives(fixed.with_values({"time.t_f": horizon.enough}))
