@@ -92,6 +92,8 @@ class Results {
   update({ scene, guide, mixture, success, busy }) {
     if (scene.prior.length > 1) this.updateMixture(scene, mixture, success);
     else if (guide) {
+      this.measure.textContent = "guide's survival ";
+      [this.mixture, this.cases].forEach((element) => element.replaceChildren()); // of cases that are equal now
       const bound = guide.bound === null ? "" : ` (no guide exceeds ${ceil4(guide.bound)})`;
       this.survival.textContent = `${guide.survival.toFixed(4)}${bound}`;
       this.survival.classList.toggle("csw-stale", !guide.current);
@@ -107,11 +109,12 @@ class Results {
   }
 
   /** What a mixture of guides is worth, and the table of the cases. */
-  updateMixture(scene, mixture, success) {
-    const known = success && success.current ? success.by_case : [];
+  updateMixture(scene, last, success) {
+    const mixture = last && last.worst_prior.length === scene.prior.length ? last : null; // cases may become equal
+    const known = success && success.by_case.length === scene.prior.length && success.current ? success.by_case : [];
     const values = (k) => [
       k, scene.prior[k].toFixed(3),
-      mixture ? mixture.worst_prior[k].toFixed(3) : "", mixture ? mixture.survivals[k].toFixed(4) : "",
+      mixture ? mixture.worst_prior[k].toFixed(3) : "", mixture ? floor4(mixture.survivals[k]) : "",
       known.length ? `${floor4(known[k][0])} to ${ceil4(known[k][1])}` : "",
     ];
     const row = (tag, texts) => make("tr", {}, ...texts.map((text) => make(tag, {}, String(text))));
@@ -126,6 +129,6 @@ class Results {
     this.survival.classList.toggle("csw-stale", !current);
     const paths = weights.length === 1 ? "1 path" : `${weights.length} paths`;
     this.mixture.textContent =
-      `${paths}; best single path ${pure.toFixed(4)}, with the case known ${mixture.known.toFixed(4)}`;
+      `${paths}; best single path ${floor4(pure)}, with the case known ${floor4(mixture.known)}`;
   }
 }
