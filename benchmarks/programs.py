@@ -33,6 +33,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from backend_cases import guide
 from cart_pole import cart_poles
 from hock_schittkowski import NUMBERS, published
+from large_programs import elliptic_control, masses
 from window_cases import both, window
 
 from casswarm.nlp.program import Instances, Nlp
@@ -210,6 +211,14 @@ def of_a_cart_and_pole(count: int) -> Iterator[Row]:
         yield compared(name, *cart_poles(count, steps, dt), max(5, count // 20))
 
 
+def large(count: int) -> Iterator[Row]:
+    """A tenth as many instances of sparse programs with 300 to 5000 variables."""
+    for program, sizes in ((masses, (20, 334)), (elliptic_control, (12, 50))):
+        for size in sizes:
+            nlp, instances = program(count // 10, size)
+            yield compared(nlp.name, nlp, instances, 5)
+
+
 def around(one: Instances, count: int, spread: float) -> Instances:
     """Instances with random parameters and initial guesses around those of a single one."""
     rng = np.random.default_rng(0)
@@ -226,6 +235,7 @@ PARTS: dict[str, Callable[[int], Iterator[Row]]] = {
     "stages": stages,
     "published": of_hock_and_schittkowski,
     "cart-pole": of_a_cart_and_pole,
+    "large": large,
     "warm": warm,
 }
 

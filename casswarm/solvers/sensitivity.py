@@ -45,6 +45,7 @@ _REFINEMENTS = 12
 _SINGULAR = 1e-11  # least eigenvalue of the system, relative to the largest
 _FAR = 1e-4  # relative length of a Newton step to the solution, from which it is not determined
 _FLAT = 1e-4  # least size of a Hessian, relative to the scale of the instance
+_LARGEST = 1500  # size of a dense system whose eigenvalues are found
 _WIDTH = 512  # of instances that are solved together
 
 
@@ -252,6 +253,8 @@ class _Part:
     def _factorise(self, i: int) -> None:
         """Factors of the whole system of an instance, if a solution satisfies the conditions."""
         size, rows = len(self._at.gradient), np.flatnonzero(self._active[:, i])
+        if size + len(rows) > _LARGEST:
+            return
         hessian = np.zeros((size, size))
         hessian[*self._program.hessian.patterns[0]] = self._hessian[:, i]
         hessian += np.triu(hessian, 1).T

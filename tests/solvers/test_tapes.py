@@ -102,6 +102,15 @@ def test_elimination_of_a_chain_has_no_fill() -> None:
     assert len(pattern.rows) == 50 + 49
 
 
+def test_elimination_of_many_variables_is_quick_and_sparse() -> None:
+    grid = np.arange(4900).reshape(70, 70)
+    one = np.concatenate([grid[:, 1:].ravel(), grid[1:].ravel()])
+    two = np.concatenate([grid[:, :-1].ravel(), grid[:-1].ravel()])
+    pattern = eliminate(4900, one, two)
+    assert sorted(pattern.order) == list(range(4900))
+    assert len(pattern.rows) < 250_000
+
+
 def test_elimination_of_a_large_dense_matrix_is_refused() -> None:
     one, two = np.triu_indices(200)
     assert eliminate(200, one, two) is None

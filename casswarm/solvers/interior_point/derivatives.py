@@ -21,6 +21,8 @@ from .factors import DenseFactors, Factors, SparseFactors, SparseSystem, shifts_
 from .system_kernels import times
 from .tape import MAX_OPERATIONS, Calls, Tape, scalar
 
+_FEW = 300  # variables
+
 
 class Condensation(NamedTuple):
     """Terms of condensed matrices H + diag(w) + J' diag(v) J.
@@ -130,12 +132,15 @@ class Functions:
         values = [ca.densify(each) for each in nlp.evaluate(x, p)]
         first = [ca.densify(nlp.gradient(x, p)[1]), nlp.jacobian(x, p)]
         hessian = nlp.lagrangian_hessian(x, p, weights[0], weights[1:])
-        return cls(
-            Calls.of([x, p], values),
-            Calls.of([x, p], first),
-            Calls.of([x, p, weights], [hessian]),
-            None,
-        )
+        derivatives = Calls.of([x, p], first), Calls.of([x, p, weights], [hessian])
+        return cls(Calls.of([x, p], values), *derivatives, cls._system(nlp, *derivatives))
+
+    @staticmethod
+    def _system(nlp: Nlp, first: Calls, hessian: Calls) -> SparseSystem | None:
+        """System of many variables; with few, LAPACK's factors of each instance are quick."""
+        if nlp.sizes[0] <= _FEW:
+            return None
+        return SparseSystem.of(nlp.sizes[0], hessian.patterns[0], first.patterns[1])
 
 
 def _require_small(arguments: list[Expr], gradient: Expr) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
@@ -64,8 +65,19 @@ def shifts_to_try(last: FloatArray) -> FloatArray:
     return np.hstack([np.zeros((len(last), 1)), shifts])
 
 
-MAX_UPDATES = 400_000
-"""Multiplications of a factorisation, or of an assembly, above which dense ones are faster."""
+FEW_UPDATES, MAX_UPDATES = 400_000, 100_000_000
+"""Multiplications of a factorisation below which, and above which, none is compared with dense
+ones."""
+
+MAX_ENTRIES = 1_000_000
+"""Entries of a factor, of which every instance needs 8 bytes."""
+
+_DENSE = 40  # a dense factorisation of n variables takes the time of n^3 / 40 multiplications
+
+
+def most_updates(size: int) -> int:
+    """Multiplications of a factorisation of n variables above which dense ones are faster."""
+    return min(max(FEW_UPDATES, size**3 // _DENSE), MAX_UPDATES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +91,12 @@ class Pattern:
     starts : (n + 1,)
         First entry of every column; it is the diagonal one.
     rows : (l,)
-    update_starts : (n + 1,)
-        First update after every column.
-    updates : (u, 3)
-        Places of entries t, a, b: t is reduced by a b.
+        Rows of the entries, which increase in every column.
     """
 
     order: IntArray
     starts: IntArray
     rows: IntArray
-    update_starts: IntArray
-    updates: IntArray
 
     def places(self, one: IntArray, two: IntArray) -> IntArray:
         """Places in L of the entries of M in rows `one` and columns `two`, in either order."""
@@ -103,44 +110,36 @@ class Pattern:
 def eliminate(size: int, one: IntArray, two: IntArray) -> Pattern | None:
     """Pattern of the factors of matrices with entries at (one, two), and on the diagonal.
 
-    Variables with few neighbours are eliminated first (minimum degree). None if there are more than
-    `MAX_UPDATES`.
+    Variables with few neighbours are eliminated first (minimum degree). None if there are more
+    multiplications than `most_updates`, or more than `MAX_ENTRIES` entries.
     """
     neighbours: list[set[int]] = [set() for _ in range(size)]
     for i, j in zip(one.tolist(), two.tolist(), strict=True):
         if i != j:
             neighbours[i].add(j)
             neighbours[j].add(i)
-    left, order, below, number = set(range(size)), list[int](), list[list[int]](), 0
-    while left:
-        pivot = min(left, key=lambda i: (len(neighbours[i]), i))
-        left.remove(pivot)
+    queue = [(len(near), i) for i, near in enumerate(neighbours)]
+    heapify(queue)
+    below: dict[int, list[int]] = {}  # of every column, in the order of elimination
+    updates, entries, most = 0, size, most_updates(size)
+    while queue:
+        degree, pivot = heappop(queue)
         near = neighbours[pivot]
-        number += len(near) * (len(near) + 1) // 2
-        if number > MAX_UPDATES:
+        if pivot in below or degree != len(near):
+            continue  # an older degree
+        updates, entries = updates + degree * (degree + 1) // 2, entries + degree
+        if updates > most or entries > MAX_ENTRIES:
             return None
         for i in near:
             neighbours[i] |= near
             neighbours[i] -= {i, pivot}
-        order.append(pivot)
-        below.append(sorted(near))
-    return _numbered(np.array(order, np.int64), below)
-
-
-def _numbered(order: IntArray, below: list[list[int]]) -> Pattern:
-    """Pattern from the variables below the diagonal of every column."""
-    size, rank = len(order), np.argsort(order)
-    columns = [np.concatenate([[j], np.sort(rank[below[j]])]).astype(np.int64) for j in range(size)]
-    starts = np.cumsum([0, *map(len, columns)])
-    rows = np.concatenate(columns) if columns else np.empty(0, np.int64)
-    keys = np.repeat(np.arange(size), np.diff(starts)) * size + rows
-    updates, update_starts = [np.empty((0, 3), np.int64)], [0]
-    for column, start in zip(columns, starts, strict=False):
-        later, earlier = np.tril_indices(len(column) - 1)
-        targets = np.searchsorted(keys, column[1:][earlier] * size + column[1:][later])
-        updates.append(np.stack([targets, start + 1 + later, start + 1 + earlier], axis=1))
-        update_starts.append(update_starts[-1] + len(later))
-    return Pattern(order, starts, rows, np.array(update_starts), np.concatenate(updates))
+            heappush(queue, (len(neighbours[i]), i))
+        below[pivot] = list(near)
+    order = np.array(list(below), np.int64)
+    rank, found = np.argsort(order), enumerate(below.values())
+    columns = [np.concatenate([[j], np.sort(rank[near])]) for j, near in found]
+    rows = np.concatenate([np.empty(0), *columns]).astype(np.int64)
+    return Pattern(order, np.cumsum([0, *map(len, columns)]), rows)
 
 
 class SparseSystem(NamedTuple):
@@ -164,7 +163,7 @@ class SparseSystem(NamedTuple):
         bins = np.arange(jacobian[0].max(initial=-1) + 2)
         starts = np.searchsorted(jacobian[0, order], bins)
         lengths = np.diff(starts)
-        if (lengths * (lengths + 1) // 2).sum() > MAX_UPDATES:
+        if (lengths * (lengths + 1) // 2).sum() > most_updates(size):
             return None
         for row, (start, end) in enumerate(pairwise(starts)):
             later, earlier = order[start + np.array(np.tril_indices(end - start))]
@@ -205,9 +204,10 @@ class SparseFactors:
         work = lanes, np.empty((entries, LANES)), np.empty(LANES, bool)
         done = np.zeros(batch, bool)
         results = self._factors, done
-        lists = pattern.starts, pattern.update_starts, pattern.updates
         for shift in np.ascontiguousarray(shifts_to_try(last).T):
-            factorise(read, shift, left, system.places, lists, work, results)
+            factorise(
+                read, shift, left, system.places, (pattern.starts, pattern.rows), work, results
+            )
             self.shifts[left[done[left]]] = shift[left[done[left]]]
             left = left[~done[left]]
             if not left.size:

@@ -66,14 +66,11 @@ def assemble(
 
 
 @kernel
-def cholesky(
-    starts: IntArray,
-    update_starts: IntArray,
-    updates: IntArray,
-    factor: FloatArray,
-    positive: BoolArray,
-) -> None:
-    """Replace matrices by their factors; `positive` (LANES,) tells which have one."""
+def cholesky(starts: IntArray, rows: IntArray, factor: FloatArray, positive: BoolArray) -> None:
+    """Replace matrices by their factors; `positive` (LANES,) tells which have one.
+
+    The rows below an entry of a column are among those of the entry's own column, in their order.
+    """
     positive[:] = True
     for column in range(len(starts) - 1):
         diagonal = starts[column]
@@ -84,10 +81,13 @@ def cholesky(
         for k in range(diagonal + 1, starts[column + 1]):
             for lane in range(LANES):
                 factor[k, lane] *= factor[diagonal, lane]
-        for k in range(update_starts[column], update_starts[column + 1]):
-            target, one, two = updates[k]
-            for lane in range(LANES):
-                factor[target, lane] -= factor[one, lane] * factor[two, lane]
+        for one in range(diagonal + 1, starts[column + 1]):
+            target = starts[rows[one]]
+            for two in range(one, starts[column + 1]):
+                while rows[target] != rows[two]:
+                    target += 1
+                for lane in range(LANES):
+                    factor[target, lane] -= factor[one, lane] * factor[two, lane]
 
 
 @kernel
@@ -115,7 +115,7 @@ def factorise(
     shifts: FloatArray,
     instances: IntArray,
     places: tuple[IntArray, IntArray, IntArray],
-    pattern: tuple[IntArray, IntArray, IntArray],
+    pattern: tuple[IntArray, IntArray],
     work: tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray, BoolArray],
     results: tuple[FloatArray, BoolArray],
 ) -> None:
@@ -125,7 +125,7 @@ def factorise(
     `results` are the factors (blocks, l, LANES), and which instances have one (b,).
     """
     (lanes, factor, positive), (factors, done) = work, results
-    starts, update_starts, updates = pattern
+    starts, rows_of = pattern
     for first in range(0, len(instances), LANES):
         some = instances[first : first + LANES]
         for values_of, lanes_of in zip(values, lanes):  # noqa: B905  (Numba has no strict)
@@ -134,7 +134,7 @@ def factorise(
             for lane in range(len(some)):
                 lanes[3][k, lane] += shifts[some[lane]]
         assemble(lanes, places, factor)
-        cholesky(starts, update_starts, updates, factor, positive)
+        cholesky(starts, rows_of, factor, positive)
         for lane in range(len(some)):
             done[some[lane]] = positive[lane]
         store(factor, positive, some, factors)
