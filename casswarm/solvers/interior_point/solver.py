@@ -139,9 +139,10 @@ class FilterInteriorPoint(Solver):
     """Primal-dual interior point with a filter line search; many instances advance together.
 
     The method of Ipopt (Waechter, Biegler, Math. Program. 106(1), 2006), with a simpler restoration
-    phase, and exact second derivatives: for programs of up to some thousand variables with sparse derivatives.
-    Derivatives and Cholesky factors are lists of scalar operations, which compiled loops do for 64
-    instances at a time; programs with operations that are not scalar are evaluated by CasADi.
+    phase, and exact second derivatives: for programs of up to some thousand variables whose
+    derivatives are sparse. Derivatives are lists of scalar operations, which compiled loops do for
+    64 instances at a time, like Cholesky factors of one pattern; programs with operations that are
+    not scalar are evaluated by CasADi.
 
     Parameters
     ----------
