@@ -114,3 +114,8 @@ def test_elimination_of_many_variables_is_quick_and_sparse() -> None:
 def test_elimination_of_a_large_dense_matrix_is_refused() -> None:
     one, two = np.triu_indices(200)
     assert eliminate(200, one, two) is None
+
+
+def test_a_row_of_all_of_many_variables_is_refused_at_once() -> None:
+    every = np.arange(5000)
+    assert SparseSystem.of(5000, np.stack([every, every]), np.stack([0 * every, every])) is None

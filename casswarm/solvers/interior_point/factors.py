@@ -66,8 +66,7 @@ def shifts_to_try(last: FloatArray) -> FloatArray:
 
 
 FEW_UPDATES, MAX_UPDATES = 400_000, 100_000_000
-"""Multiplications of a factorisation below which, and above which, none is compared with dense
-ones."""
+"""Multiplications up to which sparse factors are always taken, and above which never."""
 
 MAX_ENTRIES = 1_000_000
 """Entries of a factor, of which every instance needs 8 bytes."""
@@ -163,7 +162,7 @@ class SparseSystem(NamedTuple):
         bins = np.arange(jacobian[0].max(initial=-1) + 2)
         starts = np.searchsorted(jacobian[0, order], bins)
         lengths = np.diff(starts)
-        if (lengths * (lengths + 1) // 2).sum() > most_updates(size):
+        if (lengths * (lengths + 1) // 2).sum() > min(most_updates(size), 2 * MAX_ENTRIES):
             return None
         for row, (start, end) in enumerate(pairwise(starts)):
             later, earlier = order[start + np.array(np.tril_indices(end - start))]
