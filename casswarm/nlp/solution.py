@@ -128,7 +128,8 @@ class Sensitivities:
         directions only, and `dx_dp` is that of one of the possible sets of active rows.
     regular : (B,) bool
         Whether there is a solution at which the gradients of active rows are linearly independent,
-        and the second-order sufficient condition holds.
+        and the second-order sufficient condition holds. Above 1500 variables and active
+        rows together, the factor of the condensed matrix alone decides.
     forward : callable
         Computes `dx_dp` and `dlam_dp`, when one of them is first read.
     adjoint : callable

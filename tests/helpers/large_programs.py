@@ -8,8 +8,8 @@ import numpy as np
 from casswarm.nlp import Instances, Nlp
 
 
-def masses(count: int, steps: int = 250, links: int = 5) -> tuple[Nlp, Instances]:
-    """Predictive control of masses on a line with hardening springs: 4 variables a mass and step.
+def masses(count: int, steps: int, links: int = 5) -> tuple[Nlp, Instances]:
+    """Predictive control of masses on a line with hardening springs: 3 variables a mass and step.
 
     Random initial states are the parameters; forces and displacements are limited.
     """
@@ -29,10 +29,10 @@ def masses(count: int, steps: int = 250, links: int = 5) -> tuple[Nlp, Instances
     return nlp, _posed(nlp, states, limits)
 
 
-def elliptic_control(count: int, side: int = 50) -> tuple[Nlp, Instances]:
+def elliptic_control(count: int, side: int) -> tuple[Nlp, Instances]:
     """Control of -laplace(y) + y^3 = u on a square grid, with limits on u: 2 variables a node.
 
-    The desired states are products of sines, with random amplitudes and frequencies.
+    The desired states are a product of sines with a random amplitude and a random offset.
     """
     y, u, p = ca.SX.sym("y", side, side), ca.SX.sym("u", side, side), ca.SX.sym("p", 2)
     padded = ca.SX(side + 2, side + 2)

@@ -102,7 +102,7 @@ def test_elimination_of_a_chain_has_no_fill() -> None:
     assert len(pattern.rows) == 50 + 49
 
 
-def test_elimination_of_many_variables_is_quick_and_sparse() -> None:
+def test_elimination_of_the_nodes_of_a_grid_has_little_fill() -> None:
     grid = np.arange(4900).reshape(70, 70)
     one = np.concatenate([grid[:, 1:].ravel(), grid[1:].ravel()])
     two = np.concatenate([grid[:, :-1].ravel(), grid[:-1].ravel()])

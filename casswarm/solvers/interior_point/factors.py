@@ -71,6 +71,7 @@ FEW_UPDATES, MAX_UPDATES = 400_000, 100_000_000
 MAX_ENTRIES = 1_000_000
 """Entries of a factor, of which every instance needs 8 bytes."""
 
+_MAX_PRODUCTS = 2_000_000  # of two entries of a row, whose places take 32 bytes
 _DENSE = 40  # a dense factorisation of n variables takes the time of n^3 / 40 multiplications
 
 
@@ -162,7 +163,8 @@ class SparseSystem(NamedTuple):
         bins = np.arange(jacobian[0].max(initial=-1) + 2)
         starts = np.searchsorted(jacobian[0, order], bins)
         lengths = np.diff(starts)
-        if (lengths * (lengths + 1) // 2).sum() > min(most_updates(size), 2 * MAX_ENTRIES):
+        most = min(most_updates(size), _MAX_PRODUCTS)
+        if (lengths * (lengths + 1) // 2).sum() > most:
             return None
         for row, (start, end) in enumerate(pairwise(starts)):
             later, earlier = order[start + np.array(np.tril_indices(end - start))]
