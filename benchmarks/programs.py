@@ -10,9 +10,9 @@ Prints Markdown tables: CPU microseconds per instance of `FilterInteriorPoint` w
 fallback, with verification, and of `Ipopt` on the first twentieth of them, without; the ratio; the
 same of fatrop, which casadi brings, where the program has stages of states and controls; the shares
 that are solved, with a verified violation of at most 1e-6; and how many instances went to the
-fallback. Parameters and initial guesses are random. `large` has a tenth of the instances. `warm` prints iterations and times of windows
-whose states have moved by 0.01: from the cold start, from the previous x, and from the multipliers
-too.
+fallback. Parameters and initial guesses are random. `large` has a tenth of the instances. `warm`
+prints iterations and times of windows whose states have moved by 0.01: from the cold start, from
+the previous x, and from the multipliers too.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
 
@@ -13,6 +14,8 @@ from ..errors import ScenarioError
 from ..typing import FloatArray
 from .model import Scenario
 from .validation import NO_SUCH_KEY, field_of
+
+_MAX_MEMBERS = 10_000
 
 
 def with_parameters(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
@@ -99,8 +102,10 @@ def _with_members(scenario: Scenario, n: Any) -> FloatArray:
             key="swarm.kind",
             value=scenario.swarm.kind,
         )
-    if not (isinstance(n, int) and not isinstance(n, bool) and n >= 1):
-        raise ScenarioError(f"n = {shown(n)}; allowed: whole numbers from 1", key="n", value=n)
+    if not (isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= _MAX_MEMBERS):
+        raise ScenarioError(
+            f"n = {shown(n)}; allowed: whole numbers from 1 to {_MAX_MEMBERS}", key="n", value=n
+        )
     if n <= len(positions):
         return positions[:n]
     spacing = _min_distance(positions) if len(positions) > 1 else 0.0
@@ -123,7 +128,7 @@ def _with_spacing(scenario: Scenario, spacing: Any) -> FloatArray:
     """Positions scaled about their centroid."""
     positions = scenario.positions
     if isinstance(spacing, bool) or not (
-        isinstance(spacing, (int, float)) and 0 < spacing < math.inf
+        isinstance(spacing, (int, float)) and 0 < spacing <= sys.float_info.max
     ):
         raise ScenarioError(
             f"spacing = {shown(spacing)}; allowed: finite numbers above 0",

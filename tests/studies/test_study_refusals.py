@@ -148,6 +148,9 @@ REFUSED: dict[type[Exception], list[tuple[Any, str]]] = {
         (lambda: with_parameters(SMALL, {"n": 0}), "allowed"),
         (lambda: with_parameters(SMALL, {"n": 2.5}), "allowed"),
         (lambda: with_parameters(SMALL, {"spacing": -1.0}), "allowed"),
+        (lambda: with_parameters(SMALL, {"spacing": 10**400}), "allowed"),
+        (lambda: with_parameters(SMALL, {"n": 10**400}), "allowed"),
+        (lambda: with_parameters(SMALL, {"n": 10**9}), "1 to 10000"),
         (lambda: with_parameters(SMALL, {"n": 1, "spacing": 1.0}), "two members"),
     ],
     csw.SolverError: [
