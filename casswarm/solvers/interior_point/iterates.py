@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -215,6 +217,8 @@ class Options:
     restoration : bool
         Whether, where the line search finds no better point, the violation is reduced first, or the
         instance is solved with relaxed bounds.
+    deadline : float
+        Of `time.perf_counter`, in seconds.
     """
 
     tolerance: float
@@ -224,6 +228,12 @@ class Options:
     max_iter: int
     constr_mult_init_max: float = 1000.0
     restoration: bool = True
+    deadline: float = math.inf
+
+    @property
+    def late(self) -> bool:
+        """Whether the time is over."""
+        return time.perf_counter() > self.deadline
 
 
 @dataclass(eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 from ...typing import BoolArray, FloatArray, IntArray
 from .derivatives import Condensation, Problems
 from .iterate_kernels import FIXED, slopes
-from .iterates import Iterates
+from .iterates import Iterates, Options
 
 _ENOUGH = 0.1  # of the violation, at which the method goes on
 _LESS = 0.9  # likewise, where that is not reached: the required reduction of Ipopt's restoration
@@ -27,7 +27,9 @@ _SLOW, _SMALLER = 30, 1e-4  # iterations after which nu falls with the sum of sq
 _ARMIJO, _KEEP = 1e-4, 0.01
 
 
-def restore(problems: Problems, iterates: Iterates) -> tuple[BoolArray, IntArray]:
+def restore(
+    problems: Problems, iterates: Iterates, options: Options
+) -> tuple[BoolArray, IntArray]:
     """Move iterates to points that their filters accept.
 
     Multipliers start there as at an initial guess.
@@ -55,7 +57,7 @@ def restore(problems: Problems, iterates: Iterates) -> tuple[BoolArray, IntArray
         accepted = fewer & now.filter.accepts(now.violation, now.merit)
         restored[left[accepted]] = True
         left = left[moved & ~accepted]
-        if not left.size:
+        if not left.size or options.late:
             break
     less = iterates.violation <= _LESS * before
     restored |= less & iterates.filter.accepts(iterates.violation, iterates.merit)

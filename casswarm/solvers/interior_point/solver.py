@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -127,6 +128,7 @@ _ENTRIES = 1 << 16  # of x and g of the instances that advance together, which f
 _NUMERIC = 1 << 14  # likewise, with derivatives of their own
 _DENSE = 1 << 22  # of their matrices, where those are dense
 _WIDEST = 8 * LANES
+_LEAST = 0.1  # of the time limit, for the fallback
 
 Fallback = Annotated[
     Solver | None,
@@ -167,7 +169,11 @@ class FilterInteriorPoint(Solver):
         Whether to solve in units of `Instances.scale`, and of the gradients of f and g at the
         initial guess where those are large or small.
     fallback : Solver, optional
-        Solves, from their initial guesses, the instances that are not solved.
+        Solves, from their initial guesses, the instances that are not solved. If it has a time
+        limit, that of each is its share of what is left.
+    time_limit : float
+        Seconds of a call, for all its instances together: those that are not solved then end. The
+        method has half of them where there is a fallback.
     """
 
     tolerance: Positive = 1e-8
@@ -179,10 +185,13 @@ class FilterInteriorPoint(Solver):
     restoration: Flag = True
     scaling: Flag = True
     fallback: Fallback = None
+    time_limit: Positive = math.inf
 
     name: ClassVar[str] = "interior-point"
     summary: ClassVar[str] = "interior point over batches, exact derivatives; any problem"
-    capabilities: ClassVar[Capabilities] = Capabilities(batch=True, multipliers=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(
+        batch=True, multipliers=True, time_limit=True
+    )
 
     @override
     def prepare(self, nlp: Nlp) -> None:
@@ -202,7 +211,8 @@ class FilterInteriorPoint(Solver):
                 message = str(solution.messages[i])
                 answers[i] = replace(answers[i], status=Status.FAILED, message=message)
         if self.fallback is not None and left.size:
-            again = self.fallback.timed_answers(nlp, instances[left])[1]
+            fallback = self._fallback(started, left.size)
+            again = fallback.timed_answers(nlp, instances[left])[1]
             for i, answer in zip(left, again, strict=True):
                 message = f"by {self.fallback.name}: {answer.message}"
                 answers[i] = replace(answer, message=message, seconds=answer.seconds + each)
@@ -231,7 +241,7 @@ class FilterInteriorPoint(Solver):
         solution = replace(solution, seconds=seconds)
         left = np.flatnonzero(~solution.success)
         if self.fallback is not None and left.size:
-            again = self.fallback.solve_batch(nlp, instances[left])
+            again = self._fallback(started, left.size).solve_batch(nlp, instances[left])
             again = replace(again, used_fallback=np.ones(left.size, bool))
             solution = solution.with_rows(left, again)
         return differentiated(nlp, instances, solution) if sensitivities else solution
@@ -246,11 +256,24 @@ class FilterInteriorPoint(Solver):
         _, scaling = self._results(nlp, instance, log)
         return log.iterates(instance.x0[0, :0], float(scaling.length[0]))
 
+    def _fallback(self, started: float, count: int) -> Solver:
+        """The fallback of some instances, with a share of the time that is left."""
+        fallback, limit = self.fallback, getattr(self.fallback, "time_limit", 0.0)
+        assert fallback is not None
+        left = self.time_limit - (time.perf_counter() - started)
+        share = max(left, _LEAST * self.time_limit) / count
+        if not fallback.capabilities.time_limit or limit <= share:
+            return fallback
+        return replace(fallback, time_limit=share)  # type: ignore[type-var]
+
     def _results(
         self, nlp: Nlp, instances: Instances, record: Recorder | None = None
     ) -> tuple[Results, Scaling]:
         """Results of all instances, in their units, and the scaling that was used."""
-        options = Options(**{name: getattr(self, name) for name in Options.__dataclass_fields__})
+        own = self.time_limit if self.fallback is None else 0.5 * self.time_limit
+        names = (name for name in Options.__dataclass_fields__ if name != "deadline")
+        values = {name: getattr(self, name) for name in names}
+        options = Options(**values, deadline=time.perf_counter() + own)
         problems, width = numeric_problems(nlp, instances.p), _width(nlp)
         with one_blas_thread(), np.errstate(all="ignore"):  # numbers that are not finite are judged
             scaling = Scaling.none(instances)
