@@ -96,7 +96,8 @@ def test_answers_do_not_depend_on_the_rest_of_the_batch(seed: int, count: int) -
 
 
 def test_answers_do_not_depend_on_how_many_advance_together() -> None:
-    batch, options = valleys(7, 40), iterates.Options(1e-8, 1e-8, 0.1, 0.01, 100)
+    batch = valleys(7, 40)
+    options = iterates.Options(1e-8, 1e-8, 0.1, 0.01, 100, np.full(len(batch), np.inf))
     problems = derivatives.numeric_problems(VALLEY, batch.p)
     few, many = (engine.minimise(problems, batch, options, width) for width in (3, 40))
     assert (few.x == many.x).all()
@@ -154,7 +155,8 @@ def test_more_active_rows_than_variables() -> None:
 
 def test_restoration_without_tapes() -> None:
     known = published(15)
-    options, rows = iterates.Options(1e-8, 1e-8, 0.1, 0.01, 500, 0.0), np.arange(1)
+    limits = np.array([np.inf]), 0.0
+    options, rows = iterates.Options(1e-8, 1e-8, 0.1, 0.01, 500, *limits), np.arange(1)
     tapes = derivatives.numeric_problems(known.nlp, known.instance.p)
     casadi = derivatives.FunctionProblems(derivatives.Functions.calls(known.nlp), known.instance.p)
     one, other = (engine.minimise(each, known.instance, options, 1) for each in (tapes, casadi))

@@ -309,7 +309,7 @@ def test_solver_time_limit_is_reported(name: str) -> None:
 
 
 def test_solvers_without_time_limit_have_no_option() -> None:
-    assert set(GENERAL) - set(TIMED) == {"auto", "interior-point", "sqp"}
+    assert set(GENERAL) - set(TIMED) == {"auto", "sqp"}
 
 
 @pytest.mark.parametrize("apart", [0.0, 1.0])

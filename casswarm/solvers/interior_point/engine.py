@@ -128,7 +128,7 @@ def _iterate(
     ended |= results.iterations[rows] >= options.max_iter
     stuck = np.zeros_like(ended)
     if not ended.all():
-        reduce_mu(iterates, residuals, options.tolerance / 10.0)
+        reduce_mu(iterates, residuals, options)
         moved, evaluations = advance(problems, at, iterates, residuals, ~ended)
         results.evaluations[rows] += evaluations
         results.iterations[rows] += ~ended

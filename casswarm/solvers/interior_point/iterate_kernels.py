@@ -111,11 +111,14 @@ def smaller_mu(
 
 
 @kernel
-def reduce_mu(largest: FloatArray, final: float, mu: FloatArray, reduced: BoolArray) -> None:
-    """Reduce barrier parameters (b,) by the errors (5, b) of `residuals`, and write which were."""
+def reduce_mu(largest: FloatArray, final: FloatArray, mu: FloatArray, reduced: BoolArray) -> None:
+    """Reduce barrier parameters (b,) to at least `final` (b,), and write which were reduced.
+
+    `largest` (5, b) are the errors of `residuals`.
+    """
     for i in range(len(mu)):
         errors = largest[0, i], largest[1, i], largest[2, i], largest[3, i], largest[4, i]
-        smaller = smaller_mu(mu[i], errors, final, 0.0)
+        smaller = smaller_mu(mu[i], errors, final[i], 0.0)
         reduced[i], mu[i] = smaller < mu[i], smaller
 
 

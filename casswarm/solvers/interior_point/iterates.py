@@ -19,9 +19,13 @@ from .derivatives import Linearisation, Problems
 INFINITE = 1e19
 """Size from which a bound is none."""
 
+DIVERGENT = 1e4
+"""Size of multipliers, in the method's units, that may not exist."""
+
 _EQUAL, _NEAR = 1e-9, 1e-12  # width of bounds that count as equal, absolute and relative
 _RELAXED = 1e-8  # of bounds, relative to those above 1: Ipopt's bound_relax_factor
 _NEARLY_FEASIBLE = 1e-4  # sum of violations up to which a failure may be one of thin feasible sets
+_MORE = 15  # iterations at a solution for `Options.accuracy`
 _DIVERGED = 1e10  # of what residuals are relative to: multipliers of which no digit is left
 
 
@@ -212,6 +216,9 @@ class Options:
     mu_init, bound_push : float
         Initial barrier parameter, and relative distance by which x0 is moved inside its bounds.
     max_iter : int
+    accuracy : (B,)
+        Residuals of the optimality conditions, absolute, for which the method goes on for some
+        iterations at a solution within `tolerance`.
     constr_mult_init_max : float
         Largest initial multiplier of g that is estimated by least squares.
     restoration : bool
@@ -226,6 +233,7 @@ class Options:
     mu_init: float
     bound_push: float
     max_iter: int
+    accuracy: FloatArray
     constr_mult_init_max: float = 1000.0
     restoration: bool = True
     deadline: float = math.inf
@@ -353,9 +361,14 @@ class Residuals:
     @property
     def error(self) -> FloatArray:
         """Largest residual (b,) of the optimality conditions."""
-        dual, least, most, violation, scale = self.largest
-        complementarity = np.maximum(most, -least)
-        return np.asarray(np.maximum(np.maximum(dual, complementarity) / scale, violation))
+        violation, scale = self.largest[3:]
+        return np.asarray(np.maximum(self.absolute / scale, violation))
+
+    @property
+    def absolute(self) -> FloatArray:
+        """Largest residual (b,) of stationarity and complementarity, not relative to multipliers."""
+        dual, least, most = self.largest[:3]
+        return np.asarray(np.maximum(dual, np.maximum(most, -least)))
 
     @property
     def violation(self) -> FloatArray:
@@ -367,8 +380,9 @@ class Residuals:
 class Results:
     """Answers to B instances: x (B, nx), multipliers of bounds and of g, status, counts.
 
-    `degenerate` (B,) are those that failed near the constraints; `limit` is the message of those
-    that end at the limit of iterations.
+    `degenerate` (B,) are those that failed near the constraints, `near` (B,) are numbers of
+    iterations at solutions that are not accurate; `limit` is the message of those that end at the
+    limit of iterations.
     """
 
     x: FloatArray
@@ -379,6 +393,7 @@ class Results:
     iterations: IntArray
     evaluations: IntArray
     degenerate: BoolArray
+    near: IntArray
     limit: str
 
     @classmethod
@@ -394,6 +409,7 @@ class Results:
             np.zeros(size, np.int64),
             np.ones(size, np.int64),
             np.zeros(size, bool),
+            np.zeros(size, np.int64),
             limit,
         )
 
@@ -405,6 +421,9 @@ class Results:
     def fail(self, iterates: Iterates, some: BoolArray | IntArray, message: str) -> None:
         """Note that some iterates end without a solution, and which are near the constraints."""
         rows = iterates.rows[some]
+        inaccurate = self.near[rows] > 0
+        self.end(rows[inaccurate], Status.SOLVED, "solved")
+        rows, some = rows[~inaccurate], np.arange(iterates.rows.size)[some][~inaccurate]
         self.end(rows, Status.FAILED, message)
         self.degenerate[rows] = iterates.violation[some] <= _NEARLY_FEASIBLE
 
@@ -412,6 +431,11 @@ class Results:
         """Note which iterates are solutions, not finite, or have diverged; return which (b,)."""
         error, violation = residuals.error, residuals.violation
         solved = (error <= options.tolerance) & (violation <= options.constraint_tolerance)
+        rows, multipliers = iterates.rows, abs(iterates.lam).max(axis=0, initial=0.0)
+        inaccurate = np.maximum(residuals.absolute, violation * multipliers)
+        more = solved & (inaccurate > options.accuracy[rows]) & (multipliers <= DIVERGENT)
+        self.near[rows] = np.where(more, self.near[rows] + 1, 0)
+        solved &= self.near[rows] % (_MORE + 1) == 0
         self.end(iterates.rows[solved], Status.SOLVED, "solved")
         broken = ~np.isfinite(error)
         self.end(iterates.rows[broken], Status.FAILED, "a function or derivative is not finite")
@@ -440,8 +464,9 @@ def violations(g: FloatArray, y: FloatArray) -> FloatArray:
     return out
 
 
-def reduce_mu(iterates: Iterates, residuals: Residuals, least: float) -> None:
+def reduce_mu(iterates: Iterates, residuals: Residuals, options: Options) -> None:
     """Reduce the barrier parameters of those whose barrier problem is solved."""
     reduced = np.empty(iterates.mu.size, bool)
+    least = np.minimum(options.tolerance, options.accuracy[iterates.rows]) / 10.0
     kernels.reduce_mu(residuals.largest, least, iterates.mu, reduced)
     iterates.filter.clear(reduced)

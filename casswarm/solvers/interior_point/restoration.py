@@ -27,9 +27,7 @@ _SLOW, _SMALLER = 30, 1e-4  # iterations after which nu falls with the sum of sq
 _ARMIJO, _KEEP = 1e-4, 0.01
 
 
-def restore(
-    problems: Problems, iterates: Iterates, options: Options
-) -> tuple[BoolArray, IntArray]:
+def restore(problems: Problems, iterates: Iterates, options: Options) -> tuple[BoolArray, IntArray]:
     """Move iterates to points that their filters accept.
 
     Multipliers start there as at an initial guess.

@@ -35,14 +35,13 @@ from ..base import (
 from .derivatives import NumericDerivatives, Problems, numeric_problems, program_functions
 from .engine import Recorder, minimise
 from .iterate_kernels import LANES
-from .iterates import Options, Results
+from .iterates import DIVERGENT, Options, Results, are_equal
 from .scaling import ScaledProblems, Scaling
 
 STATIONARITY = 1e-4
 """Largest residual of the optimality conditions in the method's units, relative to multipliers."""
 
-_UNSCALED = 1.0  # largest stationarity in `Instances.scale`: Ipopt's dual_inf_tol
-_DIVERGENT = 1e4  # multipliers, in the method's units, that may not exist
+_UNSCALED = 1e-4  # largest stationarity in `Instances.scale`
 NO_MULTIPLIERS = "no multipliers found: a constraint qualification seems to fail (Fritz John point)"
 """Message on points that are stationary only relative to multipliers without bound."""
 
@@ -66,7 +65,7 @@ def verified(nlp: Nlp, instances: Instances, results: Results, scaling: Scaling)
         largest = _largest_multipliers(results, scaling)
         relative /= np.maximum(1.0, largest)
     claimed = np.array([status.success for status in results.status], dtype=bool)
-    unscaled, divergent = stationarity > _UNSCALED, largest > _DIVERGENT
+    unscaled, divergent = stationarity > _UNSCALED, largest > DIVERGENT
     faults = {
         "a residual is not finite": ~np.isfinite(objective + stationarity + violation),
         f"a constraint is violated by more than {VIOLATION:g}": violation > VIOLATION,
@@ -105,9 +104,11 @@ def _residuals(
     at = problems.linearise(rows, by_column)
     lagrangian = (at.gradient + at.transposed_times(np.ascontiguousarray(lam_g.T))).T + lam_x
     values, lam = np.hstack([x, g.T]), np.hstack([lam_x, lam_g])
-    below = np.hstack([instances.lbx, instances.lbg]) - values
-    above = values - np.hstack([instances.ubx, instances.ubg])
-    slack = np.where(lam > 0.0, above, below)
+    lower = np.hstack([instances.lbx, instances.lbg])
+    upper = np.hstack([instances.ubx, instances.ubg])
+    below, above = lower - values, values - upper
+    fixed = are_equal(lower, upper)
+    slack = np.where(fixed, 0.0, np.where(lam > 0.0, above, below))
     products = abs(lam * np.where(np.isfinite(slack), slack, 1.0))  # as `kkt_residuals`
     return (
         objective,
@@ -128,6 +129,7 @@ _ENTRIES = 1 << 16  # of x and g of the instances that advance together, which f
 _NUMERIC = 1 << 14  # likewise, with derivatives of their own
 _DENSE = 1 << 22  # of their matrices, where those are dense
 _WIDEST = 8 * LANES
+_ULPS = 1e-15  # relative distance to a bound at which a variable is there
 _LEAST = 0.1  # of the time limit, for the fallback
 
 Fallback = Annotated[
@@ -169,8 +171,8 @@ class FilterInteriorPoint(Solver):
         Whether to solve in units of `Instances.scale`, and of the gradients of f and g at the
         initial guess where those are large or small.
     fallback : Solver, optional
-        Solves, from their initial guesses, the instances that are not solved. If it has a time
-        limit, that of each is its share of what is left.
+        Solves, from their initial guesses, the instances that are not solved. Its points have to be
+        stationary too. If it has a time limit, that of each is its share of what is left.
     time_limit : float
         Seconds of a call, for all its instances together: those that are not solved then end. The
         method has half of them where there is a fallback.
@@ -214,8 +216,16 @@ class FilterInteriorPoint(Solver):
             fallback = self._fallback(started, left.size)
             again = fallback.timed_answers(nlp, instances[left])[1]
             for i, answer in zip(left, again, strict=True):
-                message = f"by {self.fallback.name}: {answer.message}"
-                answers[i] = replace(answer, message=message, seconds=answer.seconds + each)
+                found = fallback.verified(nlp, instances[i : i + 1], answer).residuals
+                length, value = instances.scale[i]
+                error = max(length * found.stationarity, found.complementarity)
+                stationary = error <= _UNSCALED * value
+                answers[i] = replace(
+                    answer,
+                    message=f"by {fallback.name}: {answer.message}",
+                    seconds=answer.seconds + each,
+                    status=Status.FAILED if answer.status.success > stationary else answer.status,
+                )
         return answers
 
     @override
@@ -242,7 +252,9 @@ class FilterInteriorPoint(Solver):
         left = np.flatnonzero(~solution.success)
         if self.fallback is not None and left.size:
             again = self._fallback(started, left.size).solve_batch(nlp, instances[left])
-            again = replace(again, used_fallback=np.ones(left.size, bool))
+            success = again.success & (again.stationarity <= _UNSCALED)
+            used = np.ones(left.size, bool)
+            again = replace(again, success=success, used_fallback=used)
             solution = solution.with_rows(left, again)
         return differentiated(nlp, instances, solution) if sensitivities else solution
 
@@ -271,21 +283,33 @@ class FilterInteriorPoint(Solver):
     ) -> tuple[Results, Scaling]:
         """Results of all instances, in their units, and the scaling that was used."""
         own = self.time_limit if self.fallback is None else 0.5 * self.time_limit
-        names = (name for name in Options.__dataclass_fields__ if name != "deadline")
-        values = {name: getattr(self, name) for name in names}
-        options = Options(**values, deadline=time.perf_counter() + own)
+        deadline = time.perf_counter() + own
         problems, width = numeric_problems(nlp, instances.p), _width(nlp)
         with one_blas_thread(), np.errstate(all="ignore"):  # numbers that are not finite are judged
             scaling = Scaling.none(instances)
             if self.scaling:
                 scaling = Scaling.of(problems, instances, width)
+            options = Options(
+                self.tolerance,
+                self.constraint_tolerance,
+                self.mu_init,
+                self.bound_push,
+                self.max_iter,
+                max(0.5 * _UNSCALED, self.tolerance) * scaling.objective * instances.scale[:, 1],
+                self.constr_mult_init_max,
+                self.restoration,
+                deadline,
+            )
             if scaling.trivial:
                 results = minimise(problems, instances, options, width, record)
             else:
                 scaled = ScaledProblems(problems, scaling), scaling.scaled(instances)
                 results = minimise(*scaled, options, width, record)
                 scaling.restore(results)
-        results.x = np.clip(results.x, instances.lbx, instances.ubx)  # of bounds that were moved
+            low, high, near = instances.lbx, instances.ubx, _ULPS * abs(results.x)
+            # bounds may have been moved
+            results.x = np.where(results.x - low <= near, low, results.x)
+            results.x = np.where(high - results.x <= near, high, results.x)
         return results, scaling
 
 
