@@ -9,6 +9,7 @@ branches are expressions of them.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,7 +63,7 @@ def published(baseline: Path) -> dict[str, float]:
 
 
 def power_flow(case: Case) -> csw.Problem:
-    """The optimal power flow of a case, in units of its base power."""
+    """The optimal power flow of a case, in units of its base power and 1 % of its initial cost."""
     bus, gen, branch = case.bus, case.gen, case.branch
     index = {int(number): i for i, number in enumerate(bus[:, 0])}
     va, vm = ca.SX.sym("va", len(bus)), ca.SX.sym("vm", len(bus))
@@ -84,26 +85,27 @@ def power_flow(case: Case) -> csw.Problem:
     angles = va[ends[0]] - va[ends[1]]
     low, high = np.deg2rad(branch[:, 11]), np.deg2rad(branch[:, 12])
     none = np.full(len(rates), -np.inf)
+    active, reactive = (gen[:, 8] + gen[:, 9]) / 2, (gen[:, 3] + gen[:, 4]) / 2
     lbva = np.where(bus[:, 1] == 3, 0.0, -np.inf)
-    return csw.Problem.from_casadi(
+    cost, start = _cost(case, pg * case.base), active / case.base
+    unit = float(ca.Function("cost", [pg], [cost])(start))
+    problem = csw.Problem.from_casadi(
         {
             "x": ca.vertcat(va, vm, pg, qg),
-            "f": _cost(case, pg * case.base),
+            "f": cost,
             "g": ca.vertcat(*balances, *squares, angles),
         },
         case.name,
-        x0=[*np.zeros(len(bus)), *np.ones(len(bus)), *_middle(gen, 8, 9) / case.base]
-        + [*_middle(gen, 3, 4) / case.base],
+        x0=[*np.zeros(len(bus)), *np.ones(len(bus)), *start, *reactive / case.base],
         lbx=[*lbva, *bus[:, 12], *gen[:, 9] / case.base, *gen[:, 4] / case.base],
         ubx=[*-lbva, *bus[:, 11], *gen[:, 8] / case.base, *gen[:, 3] / case.base],
         lbg=[*np.zeros(2 * len(bus)), *none, *none, *np.where(low <= -FAR, -np.inf, low)],
         ubg=[*np.zeros(2 * len(bus)), *rates, *rates, *np.where(high >= FAR, np.inf, high)],
         family="power flow",
     )
-
-
-def _middle(gen: np.ndarray, high: int, low: int) -> np.ndarray:
-    return 0.5 * (gen[:, high] + gen[:, low])
+    (instance,) = problem.starts.values()
+    starts = {"given": replace(instance, scale=np.array([[1.0, unit / 100.0]]))}
+    return replace(problem, starts=starts)
 
 
 def _cost(case: Case, megawatts: ca.SX) -> ca.SX:

@@ -10,7 +10,7 @@ import math
 import os
 import statistics
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -62,10 +62,20 @@ def in_turn(
 
 def print_table(columns: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
     """Print a Markdown table, each row as soon as it is there."""
-    print(f"| {' | '.join(columns)} |\n|{' --- |' * len(columns)}", flush=True)
-    for row in rows:
-        print(f"| {' | '.join(map(_text, row))} |", flush=True)
+    for line in _lines(columns, rows):
+        print(line, flush=True)
     print()
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """A Markdown table."""
+    return "\n".join(_lines(columns, rows))
+
+
+def _lines(columns: Sequence[str], rows: Iterable[Iterable[object]]) -> Iterator[str]:
+    yield f"| {' | '.join(columns)} |\n|{' --- |' * len(columns)}"
+    for row in rows:
+        yield f"| {' | '.join(map(_text, row))} |"
 
 
 def _text(value: object) -> str:

@@ -117,18 +117,28 @@ class Nlp:
     @locked_property
     def evaluate(self) -> Expr:
         """CasADi Function (x, p) to (f, g)."""
-        return self._function("evaluate", [self.objective, self.g])
+        function = ca.Function("evaluate", [self.x, self.p], [self.objective, self.g])
+        return function.expand() if self.unroll else function
+
+    @locked_property
+    def _expressions(self) -> tuple[Expr, Expr, Expr, Expr]:
+        """x, p, f and g; scalar ones of an unrolled program, which are differentiated faster."""
+        if not self.unroll:
+            return self.x, self.p, self.objective, self.g
+        x, p = ca.SX.sym("x", self.sizes[0]), ca.SX.sym("p", self.sizes[1])
+        return x, p, *self.evaluate(x, p)
 
     @locked_property
     def gradient(self) -> Expr:
         """CasADi Function (x, p) to (f, gradient of f)."""
-        gradient = ca.densify(ca.gradient(self.objective, self.x))
-        return self._function("gradient", [self.objective, gradient])
+        x, p, f, _ = self._expressions
+        return ca.Function("gradient", [x, p], [f, ca.densify(ca.gradient(f, x))])
 
     @locked_property
     def jacobian(self) -> Expr:
         """CasADi Function (x, p) to the Jacobian of g, sparse."""
-        return self._function("jacobian", [ca.jacobian(self.g, self.x)])
+        x, p, _, g = self._expressions
+        return ca.Function("jacobian", [x, p], [ca.jacobian(g, x)])
 
     @locked_property
     def lagrangian_hessian(self) -> Expr:
@@ -139,10 +149,11 @@ class Nlp:
         own = self.attached(LagrangianHessian)
         if own is not None:
             return own.function
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.sizes[2])
-        lagrangian = lam_f * self.objective + ca.dot(lam_g, self.g)
-        upper = ca.triu(ca.hessian(lagrangian, self.x)[0])
-        return self._function("hessian", [upper], lam_f, lam_g)
+        x, p, f, g = self._expressions
+        symbols = type(x).sym
+        lam_f, lam_g = symbols("lam_f"), symbols("lam_g", self.sizes[2])
+        upper = ca.triu(ca.hessian(lam_f * f + ca.dot(lam_g, g), x)[0])
+        return ca.Function("hessian", [x, p, lam_f, lam_g], [upper])
 
     @one_at_a_time
     def __reduce__(self) -> tuple[Any, ...]:
@@ -164,10 +175,6 @@ class Nlp:
         kinds = tuple(map(type, attachments))
         kept = (each for each in self.attachments if not isinstance(each, kinds))
         return replace(self, attachments=(*kept, *attachments))
-
-    def _function(self, name: str, outputs: list[Expr], *more: Expr) -> Expr:
-        function = ca.Function(name, [self.x, self.p, *more], outputs)
-        return function.expand() if self.unroll else function
 
     @locked_property
     def row_names(self) -> tuple[str, ...]:

