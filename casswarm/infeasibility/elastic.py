@@ -36,7 +36,7 @@ from ..typing import BoolArray, FloatArray, IntArray
 TOLERANCE = 1e-6
 """Largest violation that counts as none, in the units of `Units`."""
 
-_SOLVER = FilterInteriorPoint(tolerance=1e-12, max_iter=80, mu_init=1e-2, scaling=False)
+_SOLVER = FilterInteriorPoint(tolerance=1e-12, max_iter=40, mu_init=1e-2, scaling=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class _Elastic(Problems):
     """Elastic programs of B sets of rows, of which p (B, 3 ng) has the weights and bounds."""
 
     def __init__(self, rows: Problems, p: FloatArray) -> None:
-        self._rows = rows
+        self._rows, self.lanes = rows, rows.lanes
         self._weights, self._low, self._high = map(contiguous, np.split(p.T, 3))
 
     def _excess(self, some: IntArray, g: FloatArray) -> FloatArray:

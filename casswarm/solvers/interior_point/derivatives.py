@@ -18,6 +18,7 @@ from ...compiled.kernels import contiguous
 from ...nlp.program import LagrangianHessian, Nlp
 from ...typing import Expr, FloatArray, IntArray
 from .factors import DenseFactors, Factors, SparseFactors, SparseSystem, shifts_to_try
+from .iterate_kernels import LANES
 from .system_kernels import times
 from .tape import MAX_OPERATIONS, Calls, Tape, scalar
 
@@ -56,7 +57,12 @@ class Linearisation(Protocol):
 
 
 class Problems(Protocol):
-    """Instances of a program as functions of arrays; `rows` (b,) selects some of them."""
+    """Instances of a program as functions of arrays; `rows` (b,) selects some of them.
+
+    Up to `lanes` points are evaluated in the time of a single one.
+    """
+
+    lanes: int = 1
 
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """f (b,) and g (ng, b) at x (nx, b)."""
@@ -173,6 +179,7 @@ class FunctionProblems(Problems):
 
     def __init__(self, functions: Functions, p: FloatArray) -> None:
         self.functions, self.p = functions, contiguous(p.T)
+        self.lanes = LANES if isinstance(functions.values, Tape) else 1
 
     @override
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:

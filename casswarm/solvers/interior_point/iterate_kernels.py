@@ -317,13 +317,13 @@ def trial_points(
 ) -> None:
     """Write y (k, r) after the steps of some instances, and their bounds (k, r).
 
-    `point` are y, its step, and the length (b,) of that.
+    `point` are y, its step, and the lengths (r,) of that.
     """
     (y, step, length), (lower, upper), (ends, below, above) = point, bounds, trial
     for k in range(len(y)):
         for j in range(len(rows)):
             i = rows[j]
-            ends[k, j] = y[k, i] + length[i] * step[k, i]
+            ends[k, j] = y[k, i] + length[j] * step[k, i]
             below[k, j], above[k, j] = lower[k, i], upper[k, i]
 
 
@@ -357,8 +357,8 @@ def judge(
     """Write which trial points of some instances are accepted.
 
     `lines` (3, b) are the violation, barrier function and slope of the current points; `entries`
-    the filters (2, m, b), their numbers and their scales; `trial` length (b,), and violation and
-    barrier function (r,).
+    the filters (2, m, b), their numbers and their scales; `trial` lengths, violations and barrier
+    functions (r,).
     """
     (filters, numbers, scales), (lengths, violation, merit) = entries, trial
     for j in range(len(rows)):
@@ -368,8 +368,8 @@ def judge(
         ok = violation[j] <= _FAR * scales[i] and math.isfinite(merit[j])
         for e in range(numbers[i]):
             ok = ok and (violation[j] < filters[0, e, i] or merit[j] < filters[1, e, i])
-        if before <= _FEASIBLE * scales[i] and switches(lengths[i], slope, before):
-            ok = ok and merit[j] <= allowed + _ARMIJO * lengths[i] * slope
+        if before <= _FEASIBLE * scales[i] and switches(lengths[j], slope, before):
+            ok = ok and merit[j] <= allowed + _ARMIJO * lengths[j] * slope
         else:
             less = violation[j] <= (1.0 - _MARGIN) * before
             ok = ok and (less or merit[j] <= allowed - _MARGIN * before)
@@ -385,14 +385,14 @@ def remember(
 ) -> None:
     """Add the current points to the filters where a step was not one that reduces f.
 
-    Arguments are those of `judge`; `trial` are length (b,), and barrier function (r,).
+    Arguments are those of `judge`; `trial` are lengths and barrier functions (r,).
     """
     (filters, numbers), (lengths, merit) = entries, trial
     for j in range(len(rows)):
         i = rows[j]
         before, function, slope = lines[0, i], lines[1, i], lines[2, i]
-        limit = function + _VALUE_ROUNDING * abs(function) + _ARMIJO * lengths[i] * slope
-        if not (switches(lengths[i], slope, before) and merit[j] <= limit):
+        limit = function + _VALUE_ROUNDING * abs(function) + _ARMIJO * lengths[j] * slope
+        if not (switches(lengths[j], slope, before) and merit[j] <= limit):
             add_entry(filters, numbers, i, before, function)
 
 

@@ -17,6 +17,7 @@ from ...typing import BoolArray, FloatArray, IntArray
 from .derivatives import Condensation, Problems
 from .iterate_kernels import FIXED, slopes
 from .iterates import Iterates, Options
+from .steps import first_accepted, lengths_to_try
 
 _ENOUGH = 0.1  # of the violation, at which the method goes on
 _LESS = 0.9  # likewise, where that is not reached: the required reduction of Ipopt's restoration
@@ -87,21 +88,22 @@ def _advance(problems: Problems, now: Iterates, nu: FloatArray) -> BoolArray:
     step, slope = _direction(problems, now, nu)
     length = box.longest_step(x, step, np.full(nu.size, _KEEP))
     before, left = _squares(now, nu), np.flatnonzero(slope < 0.0)
-    moved = np.zeros(nu.size, bool)
-    for _ in range(_HALVINGS):
-        trial = now[left]
-        ends = x.take(left, 1) + length[left] * step.take(left, 1)
+    moved, halved, tries = np.zeros(nu.size, bool), 0, np.arange(1)
+    while left.size and halved < _HALVINGS:
+        tries = tries[: _HALVINGS - halved]
+        some, lengths = left.repeat(tries.size), np.outer(length[left], 0.5**tries).ravel()
+        trial = now[some]
+        ends = x.take(some, 1) + lengths * step.take(some, 1)
         new = _point(trial, ends, *problems.evaluate(trial.rows, ends))
-        trial.move(np.arange(left.size), new)
-        better = _squares(trial, nu[left]) <= (before + _ARMIJO * length * slope)[left]
+        trial.move(np.arange(some.size), new)
+        better = _squares(trial, nu[some]) <= before[some] + _ARMIJO * lengths * slope[some]
         better &= np.isfinite(trial.merit)
-        ended = left[better]
-        now.move(ended, tuple(values[..., better] for values in new))
-        moved[ended] = True
-        left = left[~better]
-        if not left.size:
-            break
-        length[left] *= 0.5
+        done, at = first_accepted(better, tries.size)
+        now.move(left[done], tuple(values[..., at] for values in new))
+        moved[left[done]] = True
+        length[left] *= 0.5**tries.size
+        left, halved = left[~done], halved + tries.size
+        tries = lengths_to_try(problems, left.size)
     return moved
 
 

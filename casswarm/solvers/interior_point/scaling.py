@@ -113,7 +113,7 @@ class ScaledProblems(Problems):
     """Instances of a program in other units."""
 
     def __init__(self, problems: Problems, scaling: Scaling) -> None:
-        self._problems, self._scaling = problems, scaling
+        self._problems, self._scaling, self.lanes = problems, scaling, problems.lanes
 
     @override
     def evaluate(self, rows: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -101,6 +101,7 @@ def estimate_multipliers(problems: Problems, iterates: Iterates, largest: float)
 
 
 _SHORTEST = 1e-10  # step length, relative to the first, at which a search ends
+_TOGETHER = 8  # lengths of a step that are tried at the same time, at most
 
 
 def advance(
@@ -130,6 +131,18 @@ def advance(
     moved, evaluations = search.run(step, np.flatnonzero(active & np.isfinite(shifts)))
     search.finish(step, multipliers, moved)
     return moved, evaluations
+
+
+def lengths_to_try(problems: Problems, count: int) -> IntArray:
+    """Halvings of the steps of some instances that are tried at once, since lanes are free."""
+    return np.arange(min(max(1, problems.lanes // max(1, count)), _TOGETHER))
+
+
+def first_accepted(accepted: BoolArray, tries: int) -> tuple[BoolArray, IntArray]:
+    """Which instances have a point that is accepted (r tries,), and the places of their first."""
+    each = accepted.reshape(-1, tries)
+    done = each.any(axis=1)
+    return done, (tries * np.arange(len(each)) + each.argmax(axis=1))[done]
 
 
 @dataclass(eq=False)
@@ -188,26 +201,37 @@ class Search:
         self.length = first.copy()
         size, kept = len(first), now.filter
         moved, evaluations = np.zeros(size, bool), np.zeros(size, np.int64)
-        initial = True
+        halvings, initial = np.arange(1), True
         while rows.size:
-            trial = self._trial(rows, step, self.length)
-            evaluations[rows] += 1
+            lengths = np.outer(self.length[rows], 0.5**halvings)
+            short = lengths <= _SHORTEST * first[rows, None]
+            trial = self._trial(rows.repeat(halvings.size), step, lengths.ravel())
             if initial:
                 self._correct(trial, evaluations)
                 initial = False
-            done = trial.accepted
+            done, at = first_accepted(trial.accepted & ~short.ravel(), halvings.size)
+            evaluations[rows] += (~short).sum(axis=1)
+            evaluations[rows[done]] += 1 + at % halvings.size - (~short[done]).sum(axis=1)
             ended, values = rows[done], (trial.y, trial.f, trial.g, trial.barrier)
             for target, value in zip(self.new, values, strict=True):
-                target[..., ended] = value[..., done]
-            moved[ended] = True
+                target[..., ended] = value[..., at]
+            moved[ended], self.length[ended] = True, lengths.flat[at]
             entries = kept.entries, kept.numbers
-            remember(ended, self.lines, entries, (self.length, trial.merit[done]))
+            remember(ended, self.lines, entries, (lengths.flat[at], trial.merit[at]))
             rows = rows[~done]
-            self.length[rows] *= 0.5
+            self.length[rows] = 0.5 * lengths[~done, -1]
             rows = rows[self.length[rows] > _SHORTEST * first[rows]]
+            halvings = lengths_to_try(self.problems, rows.size)
         return moved, evaluations
 
-    def _trial(self, rows: IntArray, step: FloatArray, length: FloatArray) -> Trial:
+    def _trial(
+        self,
+        rows: IntArray,
+        step: FloatArray,
+        lengths: FloatArray,
+        judged: FloatArray | None = None,
+    ) -> Trial:
+        """Trial points after steps of some lengths (r,), which are judged by them or by others."""
         now, kept = self.iterates, self.iterates.filter
         y, lower, upper = (np.empty((len(now.y), rows.size)) for _ in range(3))
         barrier, violation, work = (
@@ -215,13 +239,14 @@ class Search:
             np.empty(rows.size),
             np.empty((2, rows.size)),
         )
-        trial_points(rows, (now.y, step, length), self.limits, (y, lower, upper))
+        trial_points(rows, (now.y, step, lengths), self.limits, (y, lower, upper))
         log_barrier(y, lower, upper, work, barrier)
         f, g = self.problems.evaluate(now.rows[rows], y[: now.size])
         violations(g, y, violation)
         merit, accepted = f + now.mu[rows] * barrier, np.empty(rows.size, bool)
         entries = kept.entries, kept.numbers, kept.scale
-        judge(rows, self.lines, entries, (self.length, violation, merit), accepted)
+        judged = lengths if judged is None else judged
+        judge(rows, self.lines, entries, (judged, violation, merit), accepted)
         return Trial(rows, y, f, g, barrier, violation, merit, accepted)
 
     def _correct(self, trial: Trial, evaluations: IntArray) -> None:
@@ -234,8 +259,8 @@ class Search:
             primal[:, rows] = self.length[rows] * primal[:, rows] + beyond
             corrected, _ = self.systems.direction(primal)
             now = self.iterates
-            length = now.bounds.longest_step(now.y, corrected, self.keep)
-            trial.replace(at, self._trial(rows, corrected, length))
+            lengths = now.bounds.longest_step(now.y, corrected, self.keep)[rows]
+            trial.replace(at, self._trial(rows, corrected, lengths, self.length[rows]))
             evaluations[rows] += 1
 
     def finish(self, step: FloatArray, multipliers: FloatArray, moved: BoolArray) -> None:
