@@ -214,18 +214,18 @@ class ElasticPrograms:
         return np.abs(at.gradient[:, 0])
 
     def solve(self, sets: BoolArray, starts: FloatArray) -> FloatArray:
-        """Solve the programs of V sets (V, ng + nx), each from K points (K, nx).
+        """Solve the programs of V sets (V, ng + nx), each from K points (V, K, nx).
 
         Returns
         -------
         (V,)
             Least largest violation of each set, at any point that is known.
         """
-        ng, count = len(self.units.rows), len(starts)
+        ng, count = len(self.units.rows), starts.shape[1]
         each = np.repeat(sets, count, axis=0)
         size = len(each)
         limits = (np.broadcast_to(bound, (size, ng)) for bound in self._rows_between)
-        x0 = np.tile(starts / self.units.x, (len(sets), 1))
+        x0 = starts.reshape(size, -1) / self.units.x
         instances = Instances(
             x0,
             np.hstack([each[:, :ng].astype(float), *limits]),

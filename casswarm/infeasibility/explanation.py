@@ -248,7 +248,7 @@ class _Search:
         program = Nlp(nlp.name, nlp.variables, nlp.parameters, ca.MX(0), constraints)
         low, high = np.where(box, self.low[ng:], -np.inf), np.where(box, self.high[ng:], np.inf)
         posed = Instances(starts, instance.p[0], low, high, self.low[rows], self.high[rows])
-        found = [FilterInteriorPoint(max_iter=60).solve_batch(program, posed).x]
+        found = [FilterInteriorPoint(max_iter=60, restoration=False).solve_batch(program, posed).x]
         found += [s.x[None] for s in Ipopt(max_iter=200).solve(program, posed[:2])]
         points = np.vstack(found)
         self.programs.add(points[np.isfinite(points).all(axis=1)])
@@ -257,7 +257,10 @@ class _Search:
         return np.stack(sets)[:, self.member]
 
     def _solve(self, sets: Sequence[BoolArray], starts: FloatArray) -> FloatArray:
-        return self.programs.solve(self._masks(sets), starts)
+        """Solve elastic programs of sets, each also from the best point of it that is known."""
+        each = np.broadcast_to(starts, (len(sets), *starts.shape)).copy()
+        each[:, 1] = [self._best(some) for some in sets]
+        return self.programs.solve(self._masks(sets), each)
 
     def _largest(self, some: BoolArray) -> FloatArray:
         """Largest violation (P,) of a set at every known point."""
@@ -313,7 +316,7 @@ class _Search:
             sets = [
                 needed | np.isin(np.arange(some.size), rest[j:]) for j in range(1, rest.size + 1)
             ]
-            self._solve(sets, self._starts(_FEW))
+            self._solve(sets, self._starts(max(_FEW, _MANY // len(sets))))
             found = [j for j, each in enumerate(sets) if self._feasible(each) is not None]
             if not found:
                 break
