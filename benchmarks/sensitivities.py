@@ -4,6 +4,7 @@ Run in a checkout, with the installed package::
 
     OMP_NUM_THREADS=1 python benchmarks/sensitivities.py             # two minutes
     OMP_NUM_THREADS=1 python benchmarks/sensitivities.py --quick     # fewer instances
+    OMP_NUM_THREADS=1 python benchmarks/sensitivities.py others      # the last table only
 
 Prints a Markdown table. *Error* is the largest difference of dx/dp from extrapolated central
 differences, relative to the larger of 1 and of the largest entry, among instances where differences
@@ -11,13 +12,18 @@ of two steps agree to 1e-5 (*comparable*; elsewhere the active set changes, or t
 unique, within a step). Parameters are the linear term of the objective and the shifts of the rows.
 Times are of a processor, relative to `solve_batch` without sensitivities: of the adjoint, all of
 which is the system and one solve, and of dx/dp.
+
+A second table has CPU milliseconds an instance of a solve, of dx/dp beside it, and of both together
+by other packages, on windows of 102 variables with 7 parameters, and how far their dx/dp differs.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +37,7 @@ from hock_schittkowski import NUMBERS, published
 
 from casswarm.nlp import Instances, Nlp
 from casswarm.solvers import FilterInteriorPoint
+from casswarm.solvers.external import InstanceFunctions
 
 SOLVER = FilterInteriorPoint()
 TIGHT = FilterInteriorPoint(tolerance=1e-12, constraint_tolerance=1e-12)
@@ -108,6 +115,88 @@ def row(nlp: Nlp, instances: Instances) -> list[Any]:
     return [nlp.name, *counts, f"{error.max(initial=0.0):.1e}", nlp.sizes[1], *shares]
 
 
+def casadi_derivatives(nlp: Nlp, instances: Instances) -> tuple[list[float], Any]:
+    """Seconds of a solve and of one with dx/dp, by `nlpsol`, and dx/dp (B, nx, np).
+
+    By its plugin sqpmethod: with Ipopt's multipliers, the systems of nlpsol's derivatives are
+    singular on these windows, whichever of its linear solvers is chosen.
+    """
+    x, p, one = ca.MX.sym("x", nlp.sizes[0]), ca.MX.sym("p", nlp.sizes[1]), instances[:1]
+    f, g = nlp.evaluate(x, p)
+    quiet: dict[str, Any] = {f"print_{part}": False for part in ("time", "header", "iteration")}
+    quiet |= {"print_status": False, "qpsol": "qrqp"}
+    quiet["qpsol_options"] = {"print_iter": False, "print_header": False}
+    solver = ca.nlpsol("solver", "sqpmethod", {"x": x, "p": p, "f": f, "g": g}, quiet)
+    bounds = {key: getattr(one, key)[0] for key in ("x0", "lbx", "ubx", "lbg", "ubg")}
+    solve = ca.Function("solve", [p], [solver(p=p, **bounds)["x"]])
+    jacobian = solve.jacobian()
+    times = [time.process_time()]
+    for values in instances.p:
+        solve(values)
+    times.append(time.process_time())
+    derivatives = [np.asarray(jacobian(values, solve(values))) for values in instances.p]
+    times.append(time.process_time())
+    return [float(each) / len(instances) for each in np.diff(times)], np.stack(derivatives)
+
+
+def pounce_derivatives(nlp: Nlp, instances: Instances) -> tuple[list[float], Any]:
+    """Likewise by POUNCE: parameters are variables, and rows that pin them are moved."""
+    import pounce
+
+    (n, k, m), step = nlp.sizes, 1.0
+    x = ca.SX.sym("x", n + k)
+    f, g = nlp.evaluate(x[:n], x[n:])
+    pinned = Nlp.from_expressions("pinned", x, ca.SX(0, 1), f, ca.vertcat(g, x[n:]))
+    rows, derivatives, times = np.arange(m, m + k), [], np.zeros(2)
+    for i in range(len(instances)):
+        one, p = instances[i : i + 1], instances.p[i : i + 1]
+        free = np.full((1, k), np.inf)
+        posed = Instances(
+            np.hstack([one.x0, p]), np.empty((1, 0)), np.hstack([one.lbx, -free]),
+            np.hstack([one.ubx, free]), np.hstack([one.lbg, p]), np.hstack([one.ubg, p]),
+        )  # fmt: skip
+        functions = InstanceFunctions(pinned, posed)
+        problem = pounce.Problem(
+            n=n + k, m=m + k, problem_obj=functions, lb=functions.lower, ub=functions.upper,
+            cl=posed.lbg[0], cu=posed.ubg[0],
+        )  # fmt: skip
+        problem.add_option("print_level", 0)
+        solver, started = pounce.Solver(problem), time.process_time()
+        solver.solve(functions.x0)
+        solved = time.process_time()
+        columns = [solver.parametric_step(rows, step * unit)[:n] for unit in np.eye(k)]
+        times += solved - started, time.process_time() - solved
+        derivatives.append(np.stack(columns, axis=1) / step)
+    solve, derive = times / len(instances)
+    return [float(solve), float(solve + derive)], np.stack(derivatives)
+
+
+def own_derivatives(nlp: Nlp, instances: Instances) -> tuple[list[float], Any]:
+    """Likewise by casswarm, in a batch."""
+    times = [time.process_time()]
+    SOLVER.solve_batch(nlp, instances)
+    times.append(time.process_time())
+    found = SOLVER.solve_batch(nlp, instances, sensitivities=True).sensitivities.dx_dp
+    times.append(time.process_time())
+    return [float(each) / len(instances) for each in np.diff(times)], found
+
+
+def others(batch: int) -> Iterator[list[Any]]:
+    """Rows of the table of other packages, on windows of about 100 variables."""
+    nlp, instances = window(17, batch)
+    own_derivatives(nlp, instances[:2])
+    ways = {"casswarm": own_derivatives, "nlpsol (sqpmethod)": casadi_derivatives}
+    ways |= {"POUNCE": pounce_derivatives} if find_spec("pounce") else {}
+    exact: Any = None
+    for name, way in ways.items():
+        runs = [way(nlp, instances) for _ in range(3)]
+        solve, both = np.median([times for times, _ in runs], axis=0) * 1e3
+        exact = runs[0][1] if exact is None else exact
+        different = abs(runs[0][1] - exact).max(axis=(1, 2)) / abs(exact).max(axis=(1, 2))
+        numbers = [f"{each:.3g}" for each in (solve, both - solve, both)]
+        yield [name, *numbers, f"{np.median(different):.1e}", f"{different.max():.1e}"]
+
+
 def main() -> None:
     """Print the tables."""
     quick = "--quick" in sys.argv[1:]
@@ -115,7 +204,10 @@ def main() -> None:
     posed = [shifted(number, batch) for number in NUMBERS]
     posed += [window(steps, batch // 2) for steps in (10, 17)]
     head = ["program", "solved", "regular", "weak", "comparable", "error", "parameters"]
-    print_table([*head, "adjoint", "dx/dp"], [row(*each) for each in posed])
+    if "others" not in sys.argv[1:]:
+        print_table([*head, "adjoint", "dx/dp"], [row(*each) for each in posed])
+    head = ["package", "solve, ms", "dx/dp, ms", "both, ms", "median difference", "largest"]
+    print_table(head, others(20 if quick else 100))
 
 
 if __name__ == "__main__":
