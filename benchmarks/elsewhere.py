@@ -19,6 +19,7 @@ import contextlib
 import io
 import re
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -203,7 +204,7 @@ def solved(name: str, data: Path) -> None:
     solvers: dict[str, Solver] = {"interior-point": FilterInteriorPoint(fallback=Ipopt())}
     solvers |= {each: make_solver(each) for each in others if not SOLVERS[each].unavailable()}
     compared = csw.compare(
-        problems, solvers, time_limit=TIME_LIMIT, record_iterates=False, progress=True,
+        problems, solvers, time_limit=TIME_LIMIT, record_iterates=False, progress=sys.stderr.isatty(),
         checkpoint=data / f"{name}-runs", if_exists="resume",
     )  # fmt: skip
     compared.runs.to_csv(data / f"{name}.csv", index=False)
@@ -222,18 +223,40 @@ def write_tables(name: str, data: Path) -> None:
     (TABLES / f"{name}.md").write_text("\n\n".join(part.strip() for part in parts) + "\n")
 
 
+LEAST = {"files": 0.9, "power-flow": 0.95, "s2mpj": 0.7}
+"""Share of the problems that the interior point has to solve, with its fallback."""
+
+
+def faults(name: str, runs: pd.DataFrame) -> list[str]:
+    """What is wrong with the interior point's runs of a collection."""
+    verified = set(runs.loc[runs["solved"], "problem"])
+    own = runs[runs["solver"] == "interior-point"]
+    false = own["reported_success"] & ~own["solved"]
+    infeasible = (own["reported_status"] == "infeasible") & own["problem"].isin(verified)
+    found = [f"{name}: {problem} is a false success" for problem in own.loc[false, "problem"]]
+    found += [f"{name}: {problem} is feasible" for problem in own.loc[infeasible, "problem"]]
+    if (share := own["solved"].mean()) < LEAST[name]:
+        found.append(f"{name}: {share:.1%} are solved; expected at least {LEAST[name]:.0%}")
+    return found
+
+
 def main() -> None:
     """Solve the collections that are named, all by default, and write their tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("collections", nargs="*", choices=[[], *COLLECTIONS])
     parser.add_argument("--data", type=Path, default=Path("build/elsewhere"))
     parser.add_argument("--tables", action="store_true", help="write tables of runs that are kept")
+    parser.add_argument("--check", action="store_true", help="fail if results are worse")
     options = parser.parse_args()
     options.data.mkdir(parents=True, exist_ok=True)
+    wrong: list[str] = []
     for name in options.collections or COLLECTIONS:
         if not options.tables:
             solved(name, options.data)
         write_tables(name, options.data)
+        wrong += faults(name, pd.read_csv(options.data / f"{name}.csv")) if options.check else []
+    if wrong:
+        sys.exit("\n".join(wrong))
 
 
 if __name__ == "__main__":

@@ -151,6 +151,14 @@ RUNS = pd.DataFrame(
 )
 
 
+def test_false_claims_are_faults(elsewhere: Any) -> None:
+    found = elsewhere.faults("files", RUNS)
+    assert found == ["files: other is feasible", "files: 50.0% are solved; expected at least 90%"]
+    claimed = RUNS.assign(reported_success=True)
+    assert "files: other is a false success" in elsewhere.faults("files", claimed)
+    assert elsewhere.faults("files", RUNS[RUNS["solved"]]) == []
+
+
 def test_tables_count_successes_and_false_claims(elsewhere: Any) -> None:
     first, second = elsewhere.overview(RUNS).splitlines()[2:]
     assert first == "| `interior-point` | 2 | 1 | 50.0% | 0 | 0 | 1 | 10 |"
