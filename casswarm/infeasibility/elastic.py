@@ -213,17 +213,10 @@ class ElasticPrograms:
         at = self._problems(p).linearise(np.array([0]), (x / self.units.x)[:, None])
         return np.abs(at.gradient[:, 0])
 
-    def solve(self, sets: BoolArray, starts: FloatArray) -> FloatArray:
-        """Solve the programs of V sets (V, ng + nx), each from K points (V, K, nx).
-
-        Returns
-        -------
-        (V,)
-            Least largest violation of each set, at any point that is known.
-        """
-        ng, count = len(self.units.rows), starts.shape[1]
-        each = np.repeat(sets, count, axis=0)
-        size = len(each)
+    def solve(self, sets: BoolArray, starts: FloatArray) -> None:
+        """Add solutions of the programs of V sets (V, ng + nx), each from K points (V, K, nx)."""
+        each = np.repeat(sets, starts.shape[1], axis=0)
+        size, ng = len(each), len(self.units.rows)
         limits = (np.broadcast_to(bound, (size, ng)) for bound in self._rows_between)
         x0 = starts.reshape(size, -1) / self.units.x
         instances = Instances(
@@ -235,8 +228,3 @@ class ElasticPrograms:
         )
         z = _SOLVER.solve_batch(self._program, instances).x
         self.add(z * self.units.x)
-        return self.least(sets)
-
-    def least(self, sets: BoolArray) -> FloatArray:
-        """Least largest violation (V,) of every set at the points that are known."""
-        return np.array([self.violations[:, some].max(axis=1, initial=0.0).min() for some in sets])

