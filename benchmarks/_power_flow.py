@@ -80,11 +80,11 @@ def power_flow(case: Case) -> csw.Problem:
                 injected[at] -= flow[part][k]
         balances.append(injected)
     limited = np.flatnonzero(branch[:, 5] > 0).tolist()
-    rates = (branch[limited, 5] / case.base) ** 2
-    squares = [(p[k] ** 2 + q[k] ** 2) for p, q in flows for k in limited]
+    rates = branch[:, 5] / case.base
+    shares = [(p[k] ** 2 + q[k] ** 2) / rates[k] ** 2 for p, q in flows for k in limited]
     angles = va[ends[0]] - va[ends[1]]
     low, high = np.deg2rad(branch[:, 11]), np.deg2rad(branch[:, 12])
-    none = np.full(len(rates), -np.inf)
+    none = np.full(len(shares), -np.inf)
     active, reactive = (gen[:, 8] + gen[:, 9]) / 2, (gen[:, 3] + gen[:, 4]) / 2
     lbva = np.where(bus[:, 1] == 3, 0.0, -np.inf)
     cost, start = _cost(case, pg * case.base), active / case.base
@@ -93,14 +93,14 @@ def power_flow(case: Case) -> csw.Problem:
         {
             "x": ca.vertcat(va, vm, pg, qg),
             "f": cost,
-            "g": ca.vertcat(*balances, *squares, angles),
+            "g": ca.vertcat(*balances, *shares, angles),
         },
         case.name,
         x0=[*np.zeros(len(bus)), *np.ones(len(bus)), *start, *reactive / case.base],
         lbx=[*lbva, *bus[:, 12], *gen[:, 9] / case.base, *gen[:, 4] / case.base],
         ubx=[*-lbva, *bus[:, 11], *gen[:, 8] / case.base, *gen[:, 3] / case.base],
-        lbg=[*np.zeros(2 * len(bus)), *none, *none, *np.where(low <= -FAR, -np.inf, low)],
-        ubg=[*np.zeros(2 * len(bus)), *rates, *rates, *np.where(high >= FAR, np.inf, high)],
+        lbg=[*np.zeros(2 * len(bus)), *none, *np.where(low <= -FAR, -np.inf, low)],
+        ubg=[*np.zeros(2 * len(bus)), *np.ones(len(shares)), *np.where(high >= FAR, np.inf, high)],
         family="power flow",
     )
     (instance,) = problem.starts.values()

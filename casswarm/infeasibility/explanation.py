@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any
 
 import casadi as ca
@@ -375,7 +376,7 @@ class _Search:
         variables = tuple(self.named.variables[j] for j in bounds)
         violation = self._violation(x, some)
         text = (
-            f"{self.nlp.name} is infeasible: {', '.join(map(self._described, chosen.tolist()))} "
+            f"{self.nlp.name} is infeasible: {self._listed(chosen.tolist())} "
             f"{'contradict each other' if len(chosen) > 1 else 'cannot be met'}. "
             f"The least violation found is {violation:.6g}. "
         )
@@ -387,17 +388,18 @@ class _Search:
             )
         if len(chosen) > 1:
             text += "Without any one of them, a point that meets all the others was found."
-        return Explanation(
-            False,
-            names,
-            tuple(map(int, rows)),
-            variables,
-            x,
-            violation,
-            proven,
-            witnesses,
-            text.strip(),
-        )
+        indices, text = tuple(map(int, rows)), text.strip()
+        return Explanation(False, names, indices, variables, x, violation, proven, witnesses, text)
+
+    def _listed(self, members: list[int]) -> str:
+        """Descriptions of members; of three or more in a row that are alike, the first and last."""
+        names, texts = self.named.rows + self.named.variables, []
+        described = [(i, self._described(i)) for i in members]
+        keys = {i: (i - k, text.replace(names[i], "")) for k, (i, text) in enumerate(described)}
+        for _, group in groupby(described, lambda each: (keys[each[0]], each[0] < self.n_rows)):
+            some = [text for _, text in group]
+            texts += some if len(some) < 3 else [f"{some[0]} to {some[-1]}"]
+        return ", ".join(texts)
 
     def _described(self, member: int) -> str:
         """Name of a member with its bounds."""

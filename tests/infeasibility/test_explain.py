@@ -153,6 +153,17 @@ def blocks(low: list[float], high: list[float]) -> tuple[Nlp, Instances]:
     return nlp, Instances(*np.array([[[0.0, 0.0]]]), np.empty((1, 0)), [low], [high], [[1]], [[9]])
 
 
+def test_rows_that_are_alike_are_listed_by_their_ends() -> None:
+    """Steps of 0.1 that cannot lead from 0 to 2: all of them, and both ends, are in the way."""
+    x = ca.SX.sym("x", 11)
+    g = ca.vertcat(ca.diff(x), x[0], x[10])
+    low, high = [-0.1] * 10 + [0.0, 2.0], [0.1] * 10 + [0.0, np.inf]
+    found = csw.explain({"x": x, "g": g}, lbg=low, ubg=high)
+    assert found.row_indices == tuple(range(12))
+    listed = "-0.1 <= g[0] <= 0.1 to -0.1 <= g[9] <= 0.1, g[10] = 0, g[11] >= 2 contradict"
+    assert listed in str(found)
+
+
 def test_explain_of_crossed_bounds_names_the_variable() -> None:
     found = csw.explain(*blocks([0, 3], [1, 2]))
     assert found.feasible is False

@@ -141,7 +141,7 @@ def lengths_to_try(problems: Problems, count: int) -> IntArray:
 def first_accepted(accepted: BoolArray, tries: int) -> tuple[BoolArray, IntArray]:
     """Which instances have a point that is accepted (r tries,), and the places of their first."""
     each = accepted.reshape(-1, tries)
-    done = each.any(axis=1)
+    done = np.asarray(each.any(axis=1))
     return done, (tries * np.arange(len(each)) + each.argmax(axis=1))[done]
 
 
