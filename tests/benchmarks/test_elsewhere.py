@@ -163,7 +163,7 @@ def test_tables_count_successes_and_false_claims(elsewhere: Any) -> None:
     first, second = elsewhere.overview(RUNS).splitlines()[2:]
     assert first == "| `interior-point` | 2 | 1 | 50.0% | 0 | 0 | 1 | 10 |"
     assert second == "| `ipopt` | 2 | 2 | 100.0% | 0 | 0 | 0 | 25 |"
-    assert elsewhere.failures(RUNS).splitlines()[2:] == ["| not below N | 1 | `other`* |"]
+    assert elsewhere.failures(RUNS).splitlines()[2:] == ["| not below N | 1 | `other`† |"]
     rows = elsewhere.book(RUNS).splitlines()[2:]
     assert rows == [
         "| `interior-point` | 1 | 1 | 1 | 0 | 0 | 0 |",
