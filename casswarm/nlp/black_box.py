@@ -328,9 +328,8 @@ def from_s2mpj(problem: Any, arguments: Sequence[Any], name: str | None) -> Pose
     if min(orders) < 2:
         raise refusal(name, " has no exact second derivatives")
     rows = (problem.clower, problem.cupper) if problem.m else ((), ())
-    return _posed(
-        S2mpjBox(problem, loaded), name, (problem.x0, problem.xlower, problem.xupper, *rows)
-    )
+    numbers = (problem.x0, problem.xlower, problem.xupper, *rows)
+    return _posed(S2mpjBox(problem, loaded), name, numbers)
 
 
 def _posed(box: BlackBox, name: str, numbers: tuple[Any, ...]) -> Posed:

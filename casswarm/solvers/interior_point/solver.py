@@ -130,7 +130,6 @@ _NUMERIC = 1 << 14  # likewise, with derivatives of their own
 _DENSE = 1 << 22  # of their matrices, where those are dense
 _WIDEST = 8 * LANES
 _ULPS = 1e-15  # relative distance to a bound at which a variable is there
-_LEAST = 0.1  # of the time limit, for the fallback
 
 Fallback = Annotated[
     Solver | None,
@@ -263,8 +262,8 @@ class FilterInteriorPoint(Solver):
         """The fallback of some instances, with a share of the time that is left."""
         fallback, limit = self.fallback, getattr(self.fallback, "time_limit", 0.0)
         assert fallback is not None
-        left = self.time_limit - (time.perf_counter() - started)
-        share = max(left, _LEAST * self.time_limit) / count
+        left = self.time_limit + started - time.perf_counter()
+        share = max(left, 0.1 * self.time_limit) / count
         return fallback if limit <= share else replace(fallback, time_limit=share)  # type: ignore
 
     def _results(
