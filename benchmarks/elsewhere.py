@@ -112,7 +112,7 @@ def s2mpj(_: Path) -> Posed:
         problems += [problem] * bool(re.fullmatch(r"HS\d+", name))
     lines = [
         f"{len(names)} problems with up to 50 variables, {len(names) - len(reasons)} read; "
-        f"{len(problems)} of the book, which are solved. "
+        f"{len(problems)} of the book. "
         f"Refused: {', '.join(reasons) or 'none'}."
     ]
     return Posed(problems, lines)
