@@ -256,7 +256,20 @@ def test_points_of_the_fallback_that_are_not_stationary_are_no_success() -> None
     assert solver.fallback is not None
     assert solver.fallback.solve(nlp, instance)[0].status.success
     assert not solver.solve(nlp, instance)[0].status.success
-    assert not solver.solve_batch(nlp, instance).success[0]
+    batch = solver.solve_batch(nlp, instance)
+    assert not batch.success[0]
+    assert batch.messages[0] == "failed: the point is not stationary"
+
+
+def test_iterations_end_with_the_solution_that_is_within_the_tolerance() -> None:
+    """At the limit of iterations, a solution in the method's units is one, and then judged."""
+    nlp, instance = cliff()
+    ended = {
+        str(FilterInteriorPoint(max_iter=limit).solve_batch(nlp, instance).messages[0])
+        for limit in range(20, 27)
+    }
+    assert "failed: the point is not stationary" in ended
+    assert "solved: solved" in ended
 
 
 def test_time_limit_ends_instances_that_are_not_solved() -> None:

@@ -125,9 +125,7 @@ def _iterate(
     at = problems.linearise(rows, iterates.y[: iterates.size])
     residuals = Residuals.of(at, iterates)
     ended = results.conclude(iterates, residuals, options)
-    limited = results.iterations[rows] >= options.max_iter
-    results.end(rows[limited & (results.near[rows] > 0)], Status.SOLVED, "solved")
-    ended |= limited
+    ended |= results.iterations[rows] >= options.max_iter
     stuck = np.zeros_like(ended)
     if not ended.all():
         reduce_mu(iterates, residuals, options)

@@ -421,9 +421,6 @@ class Results:
     def fail(self, iterates: Iterates, some: BoolArray | IntArray, message: str) -> None:
         """Note that some iterates end without a solution, and which are near the constraints."""
         rows = iterates.rows[some]
-        inaccurate = self.near[rows] > 0
-        self.end(rows[inaccurate], Status.SOLVED, "solved")
-        rows, some = rows[~inaccurate], np.arange(iterates.rows.size)[some][~inaccurate]
         self.end(rows, Status.FAILED, message)
         self.degenerate[rows] = iterates.violation[some] <= _NEARLY_FEASIBLE
 
@@ -445,11 +442,14 @@ class Results:
         return np.asarray(solved | broken | diverged)
 
     def keep(self, iterates: Iterates, gradient: FloatArray) -> None:
-        """Write the iterates of the instances that end.
+        """Write the iterates of the instances that end, solved if they are within the tolerance.
 
         The multiplier of a fixed variable balances the `gradient` (k, b) of f + lam' (g - s).
         """
         rows, size = iterates.rows, iterates.size
+        near = rows[self.near[rows] > 0]
+        self.end(near, Status.SOLVED, "solved")
+        self.degenerate[near] = False
         self.x[rows] = iterates.y[:size].T
         multipliers = iterates.z[1] - iterates.z[0]
         multipliers = np.where(iterates.bounds.fixed, -gradient, multipliers)

@@ -104,9 +104,8 @@ def _residuals(
     at = problems.linearise(rows, by_column)
     lagrangian = (at.gradient + at.transposed_times(np.ascontiguousarray(lam_g.T))).T + lam_x
     values, lam = np.hstack([x, g.T]), np.hstack([lam_x, lam_g])
-    lower = np.hstack([instances.lbx, instances.lbg])
-    upper = np.hstack([instances.ubx, instances.ubg])
-    below, above = lower - values, values - upper
+    below = np.hstack([instances.lbx, instances.lbg]) - values
+    above = values - np.hstack([instances.ubx, instances.ubg])
     slack = np.where(lam > 0.0, above, below)
     slack[:, : x.shape[1]][are_equal(instances.lbx, instances.ubx)] = 0.0
     products = abs(lam * np.where(np.isfinite(slack), slack, 1.0))  # as `kkt_residuals`
@@ -243,8 +242,10 @@ class FilterInteriorPoint(Solver):
         left = np.flatnonzero(~solution.success)
         if self.fallback is not None and left.size:
             again = self._fallback(started, left.size).solve_batch(nlp, instances[left])
-            success, used = again.stationarity <= _UNSCALED, np.ones(left.size, bool)
-            again = replace(again, success=again.success & success, used_fallback=used)
+            faulty = again.success & ~(again.stationarity <= _UNSCALED)
+            again.messages[faulty] = f"{Status.FAILED}: the point is not stationary"
+            success, used = again.success & ~faulty, np.ones(left.size, bool)
+            again = replace(again, success=success, used_fallback=used)
             solution = solution.with_rows(left, again)
         return differentiated(nlp, instances, solution) if sensitivities else solution
 

@@ -204,8 +204,8 @@ class Search:
         halvings, initial = np.arange(1), True
         while rows.size:
             lengths = np.outer(self.length[rows], 0.5**halvings)
-            short = lengths <= _SHORTEST * first[rows, None]
-            trial = self._trial(rows.repeat(halvings.size), step, lengths.ravel())
+            short, each = lengths <= _SHORTEST * first[rows, None], lengths.ravel()
+            trial = self._trial(rows.repeat(halvings.size), step, each, each)
             if initial:
                 self._correct(trial, evaluations)
                 initial = False
@@ -215,9 +215,9 @@ class Search:
             ended, values = rows[done], (trial.y, trial.f, trial.g, trial.barrier)
             for target, value in zip(self.new, values, strict=True):
                 target[..., ended] = value[..., at]
-            moved[ended], self.length[ended] = True, lengths.flat[at]
+            moved[ended], self.length[ended] = True, each[at]
             entries = kept.entries, kept.numbers
-            remember(ended, self.lines, entries, (lengths.flat[at], trial.merit[at]))
+            remember(ended, self.lines, entries, (each[at], trial.merit[at]))
             rows = rows[~done]
             self.length[rows] = 0.5 * lengths[~done, -1]
             rows = rows[self.length[rows] > _SHORTEST * first[rows]]
@@ -225,13 +225,9 @@ class Search:
         return moved, evaluations
 
     def _trial(
-        self,
-        rows: IntArray,
-        step: FloatArray,
-        lengths: FloatArray,
-        judged: FloatArray | None = None,
+        self, rows: IntArray, step: FloatArray, lengths: FloatArray, judged: FloatArray
     ) -> Trial:
-        """Trial points after steps of some lengths (r,), which are judged by them or by others."""
+        """Trial points after steps of some lengths (r,), accepted as if these were `judged`."""
         now, kept = self.iterates, self.iterates.filter
         y, lower, upper = (np.empty((len(now.y), rows.size)) for _ in range(3))
         barrier, violation, work = (
@@ -245,7 +241,6 @@ class Search:
         violations(g, y, violation)
         merit, accepted = f + now.mu[rows] * barrier, np.empty(rows.size, bool)
         entries = kept.entries, kept.numbers, kept.scale
-        judged = lengths if judged is None else judged
         judge(rows, self.lines, entries, (judged, violation, merit), accepted)
         return Trial(rows, y, f, g, barrier, violation, merit, accepted)
 
