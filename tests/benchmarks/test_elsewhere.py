@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -40,21 +41,17 @@ mpc.branch = [
 
 
 @pytest.fixture(scope="module")
-def power_flow():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
-        import _power_flow
-
-        yield _power_flow
-
-
-@pytest.fixture(scope="module")
-def elsewhere(power_flow):  # noqa: ARG001
+def elsewhere():
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
         import elsewhere
 
         yield elsewhere
+
+
+@pytest.fixture(scope="module")
+def power_flow(elsewhere):  # noqa: ARG001
+    return sys.modules["_power_flow"]
 
 
 def written(folder: Path, text: str = CASE, r: float = 0.0, limit: float = 0.0) -> Path:
