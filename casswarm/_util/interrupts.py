@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -55,8 +56,15 @@ def interruptible(*, defer: bool = False) -> Iterator[None]:
         signal.signal(signal.SIGINT, previous)
         if interrupted and defer:
             previous(signal.SIGINT, None)
-        elif interrupted:
+        elif interrupted and not isinstance(sys.exception(), GeneratorExit):  # raised on entry
             raise KeyboardInterrupt
+
+
+def handled_by_python() -> None:
+    """Give SIGINT back to Python's handler, where compiled code has installed one of its own."""
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is threading.main_thread() and handler is not None:
+        signal.signal(signal.SIGINT, handler)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from typing_extensions import override
 
-from .._util.interrupts import interruptible
+from .._util.interrupts import handled_by_python, interruptible
 from .._util.silence import silence
 from .._util.threads import locked_cache, one_at_a_time
 from ..errors import SolverError
@@ -283,10 +283,15 @@ def _model(callbacks: InstanceFunctions) -> Any:
 
     (variables, _, rows), instance = callbacks.nlp.sizes, callbacks.instance
     jacobian, hessian = callbacks.jacobianstructure(), callbacks.hessianstructure()
+
+    def objective(x: FloatArray) -> float:
+        handled_by_python()  # Uno's own handler of Ctrl-C is not looked at after its last step
+        return callbacks.objective(x)
+
     model = unopy.Model(unopy.PROBLEM_NONLINEAR, variables, unopy.ZERO_BASED_INDEXING)
     model.set_variables_lower_bounds(callbacks.lower)
     model.set_variables_upper_bounds(callbacks.upper)
-    model.set_objective(unopy.MINIMIZE, callbacks.objective, _into(callbacks.gradient))
+    model.set_objective(unopy.MINIMIZE, objective, _into(callbacks.gradient))
     if rows:
         bounds = instance.lbg[0], instance.ubg[0]
         entries = len(jacobian[0]), *jacobian, _into(callbacks.jacobian)

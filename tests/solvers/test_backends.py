@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
@@ -217,6 +218,24 @@ def test_unopy_point_has_status_only_after_success(point: str) -> None:
 @pytest.mark.parametrize("end", [*ENDS, "NAME_OF_A_LATER_VERSION"])
 def test_unopy_end_without_success_has_status(end: str) -> None:
     assert Unopy().status(end, "FEASIBLE_KKT_POINT") is ENDS.get(end, Status.FAILED)
+
+
+@needs("unopy")
+def test_ctrl_c_after_last_step_of_uno_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Uno's own handler of SIGINT is looked at between its steps only."""
+    nlp, instance = active_box().nlp, active_box().instance
+    last = Unopy().solve(nlp, instance)[0].evaluations
+    objective = external.InstanceFunctions.objective
+
+    def interrupted(functions: external.InstanceFunctions, x: FloatArray) -> float:
+        value = objective(functions, x)
+        if functions.evaluations == last:
+            signal.raise_signal(signal.SIGINT)
+        return value
+
+    monkeypatch.setattr(external.InstanceFunctions, "objective", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Unopy().solve(nlp, instance)
 
 
 @needs("unopy")
