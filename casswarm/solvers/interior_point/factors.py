@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
@@ -63,6 +64,12 @@ def shifts_to_try(last: FloatArray) -> FloatArray:
     factor = np.where(known, 8.0, 100.0)
     shifts = first[:, None] * factor[:, None] ** np.arange(_SHIFTS)
     return np.hstack([np.zeros((len(last), 1)), shifts])
+
+
+def _one_after_another(last: FloatArray) -> Iterator[FloatArray]:
+    """Shifts (b,) of `shifts_to_try`, which are calculated where the first is not enough."""
+    yield np.zeros_like(last)
+    yield from np.ascontiguousarray(shifts_to_try(last).T)[1:]
 
 
 FEW_UPDATES, MAX_UPDATES = 400_000, 100_000_000
@@ -205,7 +212,7 @@ class SparseFactors:
         work = lanes, np.empty((entries, LANES)), np.empty(LANES, bool)
         done = np.zeros(batch, bool)
         results = self._factors, done
-        for shift in np.ascontiguousarray(shifts_to_try(last).T):
+        for shift in _one_after_another(last):
             factorise(
                 read, shift, left, system.places, (pattern.starts, pattern.rows), work, results
             )

@@ -130,7 +130,10 @@ class Bounds(Lanes):
 
     def gaps(self, y: FloatArray) -> FloatArray:
         """Distances to both bounds, (2, k, b); infinite where there is none."""
-        return np.stack([y - self.lower, self.upper - y])
+        gaps = np.empty((2, *y.shape))
+        np.subtract(y, self.lower, out=gaps[0])
+        np.subtract(self.upper, y, out=gaps[1])
+        return gaps
 
     def log_barrier(self, y: FloatArray) -> FloatArray:
         """Minus the sum of the logarithms of all gaps, (b,); NaN at and beyond the bounds."""

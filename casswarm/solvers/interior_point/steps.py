@@ -101,6 +101,8 @@ def estimate_multipliers(problems: Problems, iterates: Iterates, largest: float)
 
 
 _SHORTEST = 1e-10  # step length, relative to the first, at which a search ends
+_CORRECTIONS = 4  # of a step, at most
+_REDUCED = 0.5  # of the violation, by a correction after which there is another
 _TOGETHER = 8  # lengths of a step that are tried at the same time, at most
 
 
@@ -245,18 +247,28 @@ class Search:
         return Trial(rows, y, f, g, barrier, violation, merit, accepted)
 
     def _correct(self, trial: Trial, evaluations: IntArray) -> None:
-        """Second-order corrections of first steps that do not reduce the violation."""
-        worse = trial.violation >= self.lines[0, trial.rows]
-        at = np.flatnonzero(~trial.accepted & worse & np.isfinite(trial.violation))
-        if at.size:
-            rows, primal = trial.rows[at], self.primal.copy()
-            beyond = trial.g[:, at] - trial.y[self.iterates.size :, at]
-            primal[:, rows] = self.length[rows] * primal[:, rows] + beyond
+        """Second-order corrections of first steps that do not reduce the violation.
+
+        Each step is corrected again while that reduces the violation.
+        """
+        now, primal, size = self.iterates, self.primal.copy(), self.iterates.size
+        g, y, before = trial.g, trial.y, trial.violation
+        worse = before >= self.lines[0, trial.rows]
+        at = np.flatnonzero(~trial.accepted & worse & np.isfinite(before))
+        rows, lengths = trial.rows[at], self.length[trial.rows[at]]
+        g, y, before = g[:, at], y[:, at], before[at]
+        for _ in range(_CORRECTIONS):
+            if not at.size:
+                return
+            primal[:, rows] = lengths * primal[:, rows] + g - y[size:]
             corrected, _ = self.systems.direction(primal)
-            now = self.iterates
             lengths = now.bounds.longest_step(now.y, corrected, self.keep)[rows]
-            trial.replace(at, self._trial(rows, corrected, lengths, self.length[rows]))
+            new = self._trial(rows, corrected, lengths, self.length[rows])
+            trial.replace(at, new)
             evaluations[rows] += 1
+            more = ~new.accepted & (new.violation <= _REDUCED * before)
+            at, rows, lengths = at[more], rows[more], lengths[more]
+            g, y, before = new.g[:, more], new.y[:, more], new.violation[more]
 
     def finish(self, step: FloatArray, multipliers: FloatArray, moved: BoolArray) -> None:
         """Move the multipliers of the instances that have moved, and write all new values."""
