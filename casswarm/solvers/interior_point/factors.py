@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
@@ -16,6 +16,7 @@ from .iterate_kernels import LANES
 from .system_kernels import factorise, solve
 
 _SHIFTS = 40  # attempts to make a matrix positive definite
+_TOGETHER = 8  # of them at the same time, at most
 
 
 class Factors(Protocol):
@@ -64,12 +65,6 @@ def shifts_to_try(last: FloatArray) -> FloatArray:
     factor = np.where(known, 8.0, 100.0)
     shifts = first[:, None] * factor[:, None] ** np.arange(_SHIFTS)
     return np.hstack([np.zeros((len(last), 1)), shifts])
-
-
-def _one_after_another(last: FloatArray) -> Iterator[FloatArray]:
-    """Shifts (b,) of `shifts_to_try`, which are calculated where the first is not enough."""
-    yield np.zeros_like(last)
-    yield from np.ascontiguousarray(shifts_to_try(last).T)[1:]
 
 
 FEW_UPDATES, MAX_UPDATES = 400_000, 100_000_000
@@ -203,23 +198,32 @@ class SparseFactors:
     def __init__(
         self, system: SparseSystem, values: tuple[FloatArray, ...], last: FloatArray
     ) -> None:
-        self.system, batch = system, len(last)
-        pattern, entries = system.pattern, len(system.pattern.rows)
+        self.system, batch, entries = system, len(last), len(system.pattern.rows)
         self._factors = np.zeros((-(-batch // LANES), entries, LANES))
-        self.shifts, left = np.full(batch, np.nan), np.arange(batch)
-        read: Any = tuple(map(np.ascontiguousarray, values))
+        self.shifts = np.full(batch, np.nan)
         lanes: Any = tuple(np.zeros((len(part), LANES)) for part in values)
         work = lanes, np.empty((entries, LANES)), np.empty(LANES, bool)
-        done = np.zeros(batch, bool)
-        results = self._factors, done
-        for shift in _one_after_another(last):
-            factorise(
-                read, shift, left, system.places, (pattern.starts, pattern.rows), work, results
-            )
-            self.shifts[left[done[left]]] = shift[left[done[left]]]
-            left = left[~done[left]]
-            if not left.size:
-                break
+        attempt = partial(self._try, tuple(map(np.ascontiguousarray, values)), work)
+        left = attempt(np.arange(batch), np.zeros((batch, 1)))
+        if left.size:
+            attempt(left, shifts_to_try(last[left])[:, 1:])
+
+    def _try(self, values: Any, work: Any, left: IntArray, shifts: FloatArray) -> IntArray:
+        """Try shifts (r, m) of some matrices, several where lanes are free: those without factor.
+
+        Of a matrix, the largest shift is tried first, so that the factor of the least one is kept.
+        """
+        pattern, places = self.system.pattern, self.system.places
+        while left.size and shifts.shape[1]:
+            tries = max(1, min(shifts.shape[1], LANES // left.size, _TOGETHER))
+            some, tried = left.repeat(tries), shifts[:, :tries][:, ::-1].ravel()
+            done = np.empty(some.size, bool)
+            results, lower = (self._factors, done), (pattern.starts, pattern.rows)
+            factorise(values, tried, some, places, lower, work, results)
+            self.shifts[some[done]] = tried[done]
+            more = np.isnan(self.shifts[left])
+            left, shifts = left[more], shifts[more, tries:]
+        return left
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors`."""

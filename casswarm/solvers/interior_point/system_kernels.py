@@ -26,10 +26,19 @@ def times(
 
 
 @kernel
+def adjacent(instances: IntArray) -> bool:
+    """Whether instances are all from the first on, without a gap or a repetition."""
+    same = True
+    for lane in range(len(instances)):
+        same = same and instances[lane] == instances[0] + lane
+    return same
+
+
+@kernel
 def load(values: FloatArray, instances: IntArray, lanes: FloatArray) -> None:
     """Copy the values (k, b) of some instances, at most `LANES`, to lanes (k, LANES)."""
     first, number = instances[0], len(instances)
-    if instances[number - 1] - first == number - 1:  # in order, so all from the first on
+    if adjacent(instances):
         for k in range(len(values)):
             for lane in range(number):
                 lanes[k, lane] = values[k, first + lane]
@@ -119,10 +128,10 @@ def factorise(
     work: tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray, BoolArray],
     results: tuple[FloatArray, BoolArray],
 ) -> None:
-    """Write the factors of some instances.
+    """Write the factors of r of the instances, to whose diagonals `shifts` (r,) are added.
 
-    `values` (k, b) are those of `assemble`, of all instances; `shifts` (b,) are added to diagonals.
-    `results` are the factors (blocks, l, LANES), and which instances have one (b,).
+    `values` (k, b) are those of `assemble`, of all instances. `results` are the factors
+    (blocks, l, LANES) and which have one (r,); of an instance with several, the last one is kept.
     """
     (lanes, factor, positive), (factors, done) = work, results
     starts, rows_of = pattern
@@ -132,11 +141,11 @@ def factorise(
             load(values_of, some, lanes_of)
         for k in range(len(lanes[3])):
             for lane in range(len(some)):
-                lanes[3][k, lane] += shifts[some[lane]]
+                lanes[3][k, lane] += shifts[first + lane]
         assemble(lanes, places, factor)
         cholesky(starts, rows_of, factor, positive)
         for lane in range(len(some)):
-            done[some[lane]] = positive[lane]
+            done[first + lane] = positive[lane]
         store(factor, positive, some, factors)
 
 
@@ -146,7 +155,7 @@ def store(
 ) -> None:
     """Copy the factors (l, LANES) of some instances to those of all."""
     block, place, number = instances[0] // LANES, instances[0] % LANES, len(instances)
-    together = instances[number - 1] - instances[0] == number - 1 and place + number <= LANES
+    together = adjacent(instances) and place + number <= LANES
     for k in range(len(factor) if together else 0):
         for lane in range(number):
             factors[block, k, place + lane] = factor[k, lane]
