@@ -36,7 +36,7 @@ from ..typing import BoolArray, FloatArray, IntArray
 TOLERANCE = 1e-6
 """Largest violation that counts as none, in the units of `Units`."""
 
-_SOLVER = FilterInteriorPoint(tolerance=1e-12, max_iter=40, mu_init=1e-2, scaling=False)
+_SOLVER = FilterInteriorPoint(tolerance=1e-12, max_iter=30, mu_init=1e-2, scaling=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -202,6 +202,8 @@ class _Search:
             if grown is None:
                 break
             some = self._reduced(grown)
+            if self._feasible(some) is not None:
+                continue
             self._solve([some], self._starts(_MANY, 2))
             if not (proven := self._proven(some)):
                 self._solve_constrained(some)
@@ -250,7 +252,7 @@ class _Search:
         low, high = np.where(box, self.low[ng:], -np.inf), np.where(box, self.high[ng:], np.inf)
         posed = Instances(starts, instance.p[0], low, high, self.low[rows], self.high[rows])
         found = [FilterInteriorPoint(max_iter=60, restoration=False).solve_batch(program, posed).x]
-        found += [s.x[None] for s in Ipopt(max_iter=200).solve(program, posed[:2])]
+        found += [s.x[None] for s in Ipopt(max_iter=60).solve(program, posed[:2])]
         points = np.vstack(found)
         self.programs.add(points[np.isfinite(points).all(axis=1)])
 
@@ -302,24 +304,30 @@ class _Search:
         """An irreducible subset, by deletion filters whose variants are solved together.
 
         Members are left out one after the other. The first without which there is a feasible point
-        is kept for good, and those before it are not needed.
+        is kept for good, and those before it are not needed. Where that is the first of all, each
+        of the others is left out alone, since all may be needed; or the set, of which only local
+        minima were known, has a feasible point: it is returned then.
         """
         violations = self.programs.add(self._best(some)[None])[0]
         order = np.zeros(len(self.every))
         np.maximum.at(order, self.member, violations)
         rest = np.flatnonzero(some)
         rest = rest[np.argsort(order[rest], kind="stable")]
-        needed = np.zeros_like(some)
+        needed, members, stalled = np.zeros_like(some), np.arange(some.size), False
         while rest.size:
-            sets = [
-                needed | np.isin(np.arange(some.size), rest[j:]) for j in range(1, rest.size + 1)
-            ]
+            left_out = [rest[j : j + 1] if stalled else rest[: j + 1] for j in range(rest.size)]
+            now = needed | np.isin(members, rest)
+            sets = [now & ~np.isin(members, each) for each in left_out]
             self._solve(sets, self._starts(max(_FEW, _MANY // len(sets))))
-            found = [j for j, each in enumerate(sets) if self._feasible(each) is not None]
-            if not found:
-                break
-            needed[rest[found[0]]] = True
-            rest = rest[found[0] + 1 :]
+            found = np.array([self._feasible(each) is not None for each in sets])
+            first = int(found.argmax()) if found.any() else rest.size
+            needed[rest[found] if stalled else rest[first : first + 1]] = True
+            rest = rest[~found] if stalled else rest[first + 1 :]
+            stalled = not stalled and not first and rest.size > _FEW
+            if stalled:
+                self._solve_constrained(now)
+            if self._feasible(now) is not None:
+                return now
         return needed
 
     def _witnesses(self, some: BoolArray) -> FloatArray | None:

@@ -253,7 +253,7 @@ class Search:
         """
         now, primal, size = self.iterates, self.primal.copy(), self.iterates.size
         g, y, before = trial.g, trial.y, trial.violation
-        worse = before >= self.lines[0, trial.rows]
+        worse = before >= np.maximum(self.lines[0, trial.rows], np.finfo(float).tiny)
         at = np.flatnonzero(~trial.accepted & worse & np.isfinite(before))
         rows, lengths = trial.rows[at], self.length[trial.rows[at]]
         g, y, before = g[:, at], y[:, at], before[at]
