@@ -69,13 +69,13 @@ def random_states(task: FormationTask) -> FormationTask:
 def decide(task: FormationTask, size: int) -> Callable[[], object]:
     """Decisions in the first states, leader selection included."""
     task = task[np.arange(size)]
-    reference = task.step.goal[:, 0]
+    reference, solver = task.step.goal[:, 0], Auto()
 
     def work() -> object:
         leaders = task.leaders
         if task.rho is None:
             leaders = LEADER_SELECTION["nearest"](task.step, reference)
-        return formation_decision(replace(task, leaders=leaders), Auto())
+        return formation_decision(replace(task, leaders=leaders), solver)
 
     return work
 

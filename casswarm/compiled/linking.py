@@ -182,6 +182,10 @@ class _EntryDispatcher(CPUDispatcher):
         with _without_collector():
             return super().compile(sig)
 
+    def typeof_pyval(self, val: Any) -> Any:
+        """Type of an argument that Numba does not know by itself."""
+        return val.type if type(val) is _Callback else super().typeof_pyval(val)
+
 
 class _LinkedDispatcher(CPUDispatcher):
     def get_call_template(self, args: Any, kws: Any) -> Any:

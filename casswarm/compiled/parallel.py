@@ -26,13 +26,14 @@ def execute(
     announce(kernel)
     started = time.perf_counter()
 
-    def work(first: int, end: int) -> None:
-        kernel((first, end), *arguments)
-
     threads = min(_cores(), rows // max(1, per_thread))
     if threads < 2:
-        work(0, rows)
+        kernel((0, rows), *arguments)
     else:
+
+        def work(first: int, end: int) -> None:
+            kernel((first, end), *arguments)
+
         ends = np.linspace(0, rows, min(_PARTS * threads, rows) + 1).astype(int).tolist()
         list(_pool(os.getpid()).map(work, ends[:-1], ends[1:]))
     return time.perf_counter() - started

@@ -107,12 +107,14 @@ class FormationTask:
     def states(self) -> States:
         """The states as kernels take them."""
         step, goals = self.step, np.empty((len(self.leaders), 2))
-        goals[:] = step.goal[:, 0]
-        positions, velocities = (
-            np.asarray(array, float) for array in (step.positions, step.previous_velocities)
+        goals[:] = step.goals[0].reshape(-1, 2)
+        return States(
+            contiguous(np.asarray(step.positions, float)),
+            contiguous(np.asarray(step.previous_velocities, float)),
+            contiguous(step.alive),
+            goals,
+            contiguous(np.asarray(self.leaders, np.int64)),
         )
-        leaders = np.asarray(self.leaders, np.int64)
-        return States(*map(contiguous, (positions, velocities, step.alive, goals, leaders)))
 
     @property
     def terms(self) -> Terms:

@@ -30,6 +30,7 @@ from ..formation.auto import Auto
 from ..formation.horizon import corridor_mpc_formation, leader_mpc_formation
 from ..formation.objective import formation_objective, start_count
 from ..formation.projected_gradient import SpectralProjectedGradient
+from ..formation.state_kernels import Limits, StepResults, decide_states
 from ..formation.task import FOLLOWER_WEIGHT, LEADER_SELECTION, Formation, FormationTask, or_none
 from ..grid import ValueFunction
 from ..guide.guide import Guide
@@ -195,8 +196,6 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     compiled = formation_objective(task.step.hazard, n)
     if compiled is None or not _is_default(solver):
         return applied_decision(task.step, task.formation(), solver)
-    from ..formation.state_kernels import Limits, StepResults, decide_states
-
     results = StepResults(
         np.empty((batch, n, 2)),
         np.empty((batch, 3)),
@@ -209,8 +208,8 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     problems = compiled.evaluate, compiled.constants, task.states, task.terms
     arguments = *problems, method, limits, results
     execute(decide_states, batch, arguments, _PER_THREAD // starts)
-    failures, fallbacks = np.zeros((2, batch), np.int64)
-    if not results.accepted.all():
+    failures, fallbacks = np.zeros(batch, np.int64), np.zeros(batch, np.int64)
+    if np.count_nonzero(results.accepted) < batch:
         left = np.flatnonzero(~results.accepted)
         rest = task[left]
         decision = applied_decision(rest.step, rest.formation(), solver)

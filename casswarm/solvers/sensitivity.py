@@ -46,7 +46,7 @@ _SINGULAR = 1e-11  # least eigenvalue of the system, relative to the largest
 _FAR = 1e-4  # relative length of a Newton step to the solution, from which it is not determined
 _FLAT = 1e-4  # least size of a Hessian, relative to the scale of the instance
 _LARGEST = 1500  # size of a dense system whose eigenvalues are found
-_WIDTH = 512  # of instances that are solved together
+_WIDTH = 128  # of instances that are solved together
 
 
 def sensitivities(
