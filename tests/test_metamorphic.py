@@ -125,9 +125,8 @@ def test_plan_of_image_is_image_of_plan(name: str) -> None:
     np.testing.assert_allclose(guide.positions, reference.positions @ matrix.T + shift, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "matrix", [pytest.param(SYMMETRIES[3], marks=pytest.mark.slow), SYMMETRIES[7]]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("matrix", [SYMMETRIES[3], SYMMETRIES[7]])
 def test_guide_of_image_is_image_of_guide_to_the_last_digit(matrix: Array) -> None:
     """So are bounds of a proof that ended at its gap."""
     values = {"swarm__velocity": (1.0, -1.0), "swarm__a_max": 0.3}

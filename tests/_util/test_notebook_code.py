@@ -40,8 +40,7 @@ assert set(table["solver"]) == {"renamed"} and table["solved"].all(), table
 }
 
 
-@pytest.mark.parametrize(
-    "name", ["policy", *(pytest.param(k, marks=pytest.mark.slow) for k in CELLS if k != "policy")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CELLS)
 def test_code_of_a_cell_runs_in_other_processes(name, tmp_path):
     python("-c", HEAD + CELLS[name], folder=tmp_path)

@@ -99,7 +99,10 @@ def test_signature_is_short_and_help_names_the_records(name: str) -> None:
 @pytest.mark.parametrize("progress", [True, False])
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.slow) if n == "plan_swarm" else n for n in REPORTING],
+    [
+        pytest.param(n, marks=pytest.mark.slow) if n in {"plan_swarm", "compare"} else n
+        for n in REPORTING
+    ],
 )
 def test_progress_is_on_standard_error_if_it_is_asked_for(
     name: str, progress: bool, capsys: pytest.CaptureFixture[str]

@@ -69,6 +69,7 @@ def test_command_of_a_row_prints_it_again(leaderboard, table):
     assert float(cells[time]) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [["nowhere"], ["alley", "best"], ["alley", "naive", "again"]])
 def test_wrong_arguments_are_one_line(leaderboard, words):
     done = python(leaderboard.__file__, *words, code=1)

@@ -109,6 +109,7 @@ def straight(scenario, seed, count=200):
     return found
 
 
+@pytest.mark.slow
 @given(SEEDS)
 @settings(max_examples=15, deadline=None)
 def test_no_path_is_below_the_bound(seed) -> None:

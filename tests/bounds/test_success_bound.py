@@ -88,7 +88,9 @@ def test_bound_falls_with_rates(scenario, bound, strengths):
     assert values[-1] > 0
 
 
-@pytest.mark.parametrize("name", ["paper-1", "paper-2", "gauntlet"])
+@pytest.mark.parametrize(
+    "name", ["paper-1", pytest.param("paper-2", marks=pytest.mark.slow), "gauntlet"]
+)
 def test_success_bound_exceeds_leader_on_paper_scenarios(name):
     scenario = load_scenario(name)
     bound = float(success_bound(scenario))

@@ -51,7 +51,7 @@ def test_environment_has_the_runs_of_simulate() -> None:
     np.testing.assert_array_equal(table["survivors"], runs["survivors"])
 
 
-@pytest.mark.parametrize("k", [2, 3])
+@pytest.mark.parametrize("k", [2, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
 def test_joint_plan_has_its_exact_law(k: int, objective: str) -> None:
     one = needing(k)
@@ -66,6 +66,7 @@ def test_joint_plan_has_its_exact_law(k: int, objective: str) -> None:
         assert again.low >= law.low - 1e-9
 
 
+@pytest.mark.slow
 def test_replanning_ends_with_the_plan_and_with_too_few_members() -> None:
     """A run may go on after the end of the plan, where those that are left do not suffice."""
     one = needing(3).replace(time={"t_f": ONE.time.t_f + 3 * ONE.time.dt})

@@ -71,6 +71,7 @@ def test_runs_agree_with_the_exact_law(belief: str) -> None:
         assert by_case.loc[str(k), "success_high"] >= each.success.low - 0.01
 
 
+@pytest.mark.slow
 def test_runs_do_not_depend_on_batches_or_workers() -> None:
     bayes = TWO.replace(formation={"belief": "bayes"})
     one = csw.simulate(bayes, ["leader", "constrained"], 60, guide=GUIDE)

@@ -87,6 +87,7 @@ def test_error_while_drawing_keeps_comparison(tmp_path):
     assert record["result"]["summary"]
 
 
+@pytest.mark.slow
 def test_record_lists_figures_that_were_drawn(tmp_path):
     casswarm(tmp_path, "evaluate", "single-agent", "--policy", "naive", "--json")
     path, record = results(tmp_path)

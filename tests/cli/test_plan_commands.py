@@ -107,6 +107,7 @@ def test_global_search_has_greater_survival_than_local(tmp_path):
     assert survival["global"] > 2 * survival["local"]
 
 
+@pytest.mark.slow
 def test_projected_gradient_at_iteration_limit_is_compared(tmp_path):
     options = ("--solver", "projected-gradient", "--set", "guide.iterations=50")
     done = casswarm(tmp_path, "plan", "paper-1", *options)

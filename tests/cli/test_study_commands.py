@@ -157,6 +157,7 @@ def test_dask_address_without_scheduler_is_one_line(tmp_path, address):
 # --- evaluate
 
 
+@pytest.mark.slow
 def test_evaluate_bounds_every_policy_and_writes_tables(tmp_path):
     done = casswarm(
         tmp_path, "evaluate", "paper-1", "--policy", "naive", "--policy", "leader", "--quiet"

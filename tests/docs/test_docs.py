@@ -132,10 +132,13 @@ def missing(value: object, text: str) -> list[str]:
     return [name for name in parameters if name not in documented and name not in inherited]
 
 
+SLOW = "optimal_value", "value_of_information", "plan_swarm_mixture"
+
+
 @pytest.mark.parametrize(
     "test",
     [
-        pytest.param(test, marks=pytest.mark.slow if name == "optimal_value" else ())
+        pytest.param(test, marks=pytest.mark.slow if name in SLOW else ())
         for name in PUBLIC
         for test in doctest.DocTestFinder().find(PUBLIC[name], name)
         if test.examples

@@ -249,6 +249,7 @@ def solved(n, seed=0, area=0.01, solver=None):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hazard", "members"), [("plain", 1000), ("collision", 100)])
 def test_spectral_protects_the_leader_of_large_swarms(hazard, members):
     """With collisions all pairs of members count."""

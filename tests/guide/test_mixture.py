@@ -155,6 +155,7 @@ def test_limits_of_acceleration_hold_and_are_said() -> None:
     assert mixed.value.low < mixed.value.high
 
 
+@pytest.mark.slow
 def test_more_than_four_cases_are_bounded_by_groups_and_say_so() -> None:
     base = small([(0.0, 0.0)], (3.0, 0.0), [(9.0, 9.0)], 7, **FREE)
     places = [[1.5, y] for y in (-0.5, -0.25, 0.0, 0.25, 0.5)]

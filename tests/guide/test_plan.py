@@ -222,6 +222,7 @@ def impossible(a_max: float) -> Scenario:
     return small(MEMBER, (10.0, 10.0), [(3.0, 4.0), (7.0, 6.0)], 30, **values)
 
 
+@pytest.mark.slow
 def test_plan_without_arrival_raises_and_counts_outcomes() -> None:
     expected = r"of (\d+) solves \(\d+ infeasible\b.*\) none arrives .* check=False"
     with pytest.raises(PlanningError, match=expected) as failure:

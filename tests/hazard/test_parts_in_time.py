@@ -99,6 +99,7 @@ def test_maps_of_radars_that_rest_are_as_at_rest() -> None:
     assert abs(moving[0] - moving[-1]).max() > 50
 
 
+@pytest.mark.slow
 def test_joint_plan_has_its_law_and_is_below_the_bound() -> None:
     plan = csw.plan_swarm(MOVING)
     exact = csw.evaluate(MOVING, csw.make_policy("joint", MOVING)).success

@@ -49,6 +49,7 @@ def test_plan_is_at_least_as_good_as_those_of_other_hazards(plan: csw.SwarmPlan)
         assert plan.value >= 1.0 - plan_law(scenario, positions).failure - 1e-6
 
 
+@pytest.mark.slow
 def test_survivors_replan_for_the_posterior_and_are_no_worse() -> None:
     scenario = gaps(3)
     first = csw.plan_swarm(scenario, certify=False)

@@ -82,7 +82,9 @@ def casadis(nlp: Nlp, batch: Instances) -> FunctionLinearisation:
     return FunctionLinearisation(Functions.calls(nlp), batch.x0.T.copy(), batch.p.T.copy())
 
 
-@pytest.mark.parametrize("name", ["paper-1", "paper-2", "patrol"])
+@pytest.mark.parametrize(
+    "name", ["paper-1", "paper-2", pytest.param("patrol", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     "objective",
     [

@@ -51,6 +51,7 @@ def test_initial_guesses_of_image_are_images_of_guesses(turn: int) -> None:
         np.testing.assert_array_equal(other.velocities, guess.velocities[:, order] @ matrix.T)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 @example(941)  # 0.576 and 0.529 with starts in fixed directions
 @settings(max_examples=2, deadline=None)

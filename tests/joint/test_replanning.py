@@ -40,7 +40,7 @@ def test_replanning_succeeds_more_often_than_plan(first):
     assert distribution.infeasible == 0
 
 
-@pytest.mark.parametrize("delay", [1, 2, "never"])
+@pytest.mark.parametrize("delay", [pytest.param(1, marks=pytest.mark.slow), 2, "never"])
 def test_replanning_with_late_news_is_not_worse_than_plan(first, delay):
     scenario = CROWDED.replace(information={"delay": delay})
     tree = PlanTree(scenario, first)

@@ -93,7 +93,7 @@ def test_order_of_members_is_that_of_their_velocities(name):
 @pytest.mark.parametrize(
     ("name", "tolerance", "runs"),
     [
-        ("optimal", 0.0, 4000),
+        pytest.param("optimal", 0.0, 4000, marks=pytest.mark.slow),
         ("joint", 0.0, 4000),
         ("parametric", 1e-6, 2000),
         ("leader-feedback", 1e-3, 1000),

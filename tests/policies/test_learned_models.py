@@ -196,6 +196,7 @@ def test_observed_guide_is_the_offset_to_the_next_reference(guide: csw.Guide) ->
         np.testing.assert_allclose(restored.positions[alive], state[0][alive], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_model_of_the_guide_is_the_same_policy_in_environments_and_studies(
     guide: csw.Guide,
 ) -> None:

@@ -142,6 +142,7 @@ def test_optimal_is_at_least_as_good_as_every_other_policy():
     assert best.width < 1e-9
 
 
+@pytest.mark.slow
 def test_command_line_refuses_five_members(tmp_path):
     done = casswarm(tmp_path, "evaluate", "gauntlet", "--policy", "optimal", code=2)
     assert "two members" in done.stderr

@@ -90,7 +90,13 @@ def test_table_has_all_keys_and_parts() -> None:
     assert [row[0] for row in ROWS] == list(PARTS)
 
 
-@pytest.mark.parametrize(("part", "key", "cell"), CELLS)
+SLOW = "optimal_value", "naive, leader, constrained"  # parts that take seconds
+
+
+@pytest.mark.parametrize(
+    ("part", "key", "cell"),
+    [pytest.param(*row, marks=pytest.mark.slow if row[0] in SLOW else ()) for row in CELLS],
+)
 def test_cell_is_true(part: str, key: str, cell: str) -> None:
     one = PLAIN.with_values(VALUES[key])
     if cell != "refused":

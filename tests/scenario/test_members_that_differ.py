@@ -50,7 +50,9 @@ def test_kinds_without_differences_change_nothing(name: str) -> None:
     assert results[0].success == results[1].success
 
 
-@pytest.mark.parametrize("name", ["leader", "constrained", "naive"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("leader", marks=pytest.mark.slow), "constrained", "naive"]
+)
 @pytest.mark.parametrize("collide", [False, True])
 def test_members_of_one_kind_are_those_of_scaled_constants(name: str, collide: bool) -> None:
     """A rate e S / (1 + c alpha_2 D) is that of e alpha_1 and c alpha_2; a zone's rate follows."""

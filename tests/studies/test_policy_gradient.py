@@ -37,6 +37,7 @@ def test_gradient_equals_central_differences(n, smoothing):
 parameters = st.lists(st.floats(-0.25, 0.25, width=32), min_size=len(START), max_size=len(START))
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(parameters, st.sampled_from([1, 2, 3]), st.booleans(), st.booleans())
 def test_gradient_equals_central_differences_anywhere(offsets, n, collisions, smooth):
