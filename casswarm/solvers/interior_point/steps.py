@@ -249,7 +249,7 @@ class Search:
     def _correct(self, trial: Trial, evaluations: IntArray) -> None:
         """Second-order corrections of first steps that do not reduce the violation.
 
-        Each step is corrected again while that reduces the violation.
+        Each is corrected again while that halves the violation.
         """
         now, primal, size = self.iterates, self.primal.copy(), self.iterates.size
         g, y, before = trial.g, trial.y, trial.violation
