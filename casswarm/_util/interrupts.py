@@ -60,7 +60,7 @@ def interruptible(*, defer: bool = False) -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def handled_by_python() -> None:
+def restore_sigint_handler() -> None:
     """Give SIGINT back to Python's handler, where compiled code has installed one of its own."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is threading.main_thread() and handler is not None:

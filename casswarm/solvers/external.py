@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from typing_extensions import override
 
-from .._util.interrupts import handled_by_python, interruptible
+from .._util.interrupts import interruptible, restore_sigint_handler
 from .._util.silence import silence
 from .._util.threads import locked_cache, one_at_a_time
 from ..errors import SolverError
@@ -285,7 +285,7 @@ def _model(callbacks: InstanceFunctions) -> Any:
     jacobian, hessian = callbacks.jacobianstructure(), callbacks.hessianstructure()
 
     def objective(x: FloatArray) -> float:
-        handled_by_python()  # Uno's own handler of Ctrl-C is not looked at after its last step
+        restore_sigint_handler()  # Uno's own handler of Ctrl-C is not looked at after its last step
         return callbacks.objective(x)
 
     model = unopy.Model(unopy.PROBLEM_NONLINEAR, variables, unopy.ZERO_BASED_INDEXING)

@@ -37,6 +37,7 @@ from casswarm.formation.horizon import MARGIN, nearest_trajectories, path_limits
 from casswarm.motion import Motion, Step
 from casswarm.nlp import Instances, Nlp, kkt_residuals
 from casswarm.policies import applied_decision, make_policy
+from casswarm.solvers import FilterInteriorPoint
 
 AUTO = make_solver("auto")
 
@@ -350,3 +351,11 @@ def test_corridor_once_feasible_stays_feasible_in_next_horizon() -> None:
         met &= decision.infeasible == 0
     assert met.sum() >= 10
     assert sum(short[4:]).sum() == 0
+
+
+def test_corridor_is_no_long_way_for_the_generic_method() -> None:
+    """With a single second-order correction of a step, it took 216 iterations along the curve."""
+    formation = corridor_mpc_formation(window(1000, 5, 3, 0), RHO)
+    solution = FilterInteriorPoint().solve_batch(formation.nlp, formation.instances[177:178])
+    assert solution.success[0]
+    assert solution.iterations[0] < 60

@@ -96,6 +96,21 @@ def test_sparse_factors_solve_the_dense_systems(seed: int, size: int, rows: int)
         assert abs(error).max() <= 1e-9 * np.linalg.cond(dense)
 
 
+def test_factors_do_not_depend_on_the_rest_of_the_batch() -> None:
+    """Where some are not positive definite, eight shifts of each are tried together."""
+    curvatures, last, indefinite = np.ones((2, 17)), np.zeros(17), [0, 15]
+    curvatures[:, indefinite], last[indefinite] = [[-0.5, -1e-3], [1.0, -7.0]], [0.0, 1e-6]
+    system = SparseSystem.of(2, np.array([[0, 1], [0, 1]]), np.empty((2, 0), np.int64))
+    values = curvatures, np.empty((0, 17)), np.empty((0, 17)), np.full((2, 17), 1e-5)
+    factors = SparseFactors(system, values, last)
+    assert np.flatnonzero(factors.shifts).tolist() == indefinite
+    solutions = factors.solve(np.ones((2, 17)))
+    for i in range(17):
+        alone = SparseFactors(system, tuple(v[:, i : i + 1] for v in values), last[i : i + 1])
+        assert alone.shifts[0] == factors.shifts[i]
+        assert (alone.solve(np.ones((2, 1)))[:, 0] == solutions[:, i]).all()
+
+
 def test_elimination_of_a_chain_has_no_fill() -> None:
     chain = np.arange(49)
     pattern = eliminate(50, chain, chain + 1)

@@ -16,7 +16,7 @@ from .iterate_kernels import LANES
 from .system_kernels import factorise, solve
 
 _SHIFTS = 40  # attempts to make a matrix positive definite
-_TOGETHER = 8  # of them at the same time, at most
+_AT_ONCE = 8  # attempts for an instance at the same time, at most
 
 
 class Factors(Protocol):
@@ -56,6 +56,11 @@ class DenseFactors:
         for row, factor in enumerate(self._factors):
             solutions[:, row] = lapack.dpotrs(factor, right[:, row], lower=0)[0]
         return solutions
+
+
+def tries_at_once(lanes: int, count: int) -> int:
+    """Number of attempts for each of some instances that fit in lanes which are free otherwise."""
+    return min(max(1, lanes // max(1, count)), _AT_ONCE)
 
 
 def shifts_to_try(last: FloatArray) -> FloatArray:
@@ -209,13 +214,13 @@ class SparseFactors:
             attempt(left, shifts_to_try(last[left])[:, 1:])
 
     def _try(self, values: Any, work: Any, left: IntArray, shifts: FloatArray) -> IntArray:
-        """Try shifts (r, m) of some matrices, several where lanes are free: those without factor.
+        """Try shifts (r, m) of some matrices, several where lanes are free: those without a factor.
 
-        Of a matrix, the largest shift is tried first, so that the factor of the least one is kept.
+        The shifts of a matrix are tried from the largest, so that the factor of the least is kept.
         """
         pattern, places = self.system.pattern, self.system.places
         while left.size and shifts.shape[1]:
-            tries = max(1, min(shifts.shape[1], LANES // left.size, _TOGETHER))
+            tries = min(shifts.shape[1], tries_at_once(LANES, left.size))
             some, tried = left.repeat(tries), shifts[:, :tries][:, ::-1].ravel()
             done = np.empty(some.size, bool)
             results, lower = (self._factors, done), (pattern.starts, pattern.rows)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...typing import BoolArray, FloatArray, IntArray
 from .derivatives import Condensation, Linearisation, Problems
-from .factors import Factors
+from .factors import Factors, tries_at_once
 from .iterate_kernels import (
     EQUALITY,
     FIXED,
@@ -103,7 +103,6 @@ def estimate_multipliers(problems: Problems, iterates: Iterates, largest: float)
 _SHORTEST = 1e-10  # step length, relative to the first, at which a search ends
 _CORRECTIONS = 4  # of a step, at most
 _REDUCED = 0.5  # of the violation, by a correction after which there is another
-_TOGETHER = 8  # lengths of a step that are tried at the same time, at most
 
 
 def advance(
@@ -137,7 +136,7 @@ def advance(
 
 def lengths_to_try(problems: Problems, count: int) -> IntArray:
     """Halvings of the steps of some instances that are tried at once, since lanes are free."""
-    return np.arange(min(max(1, problems.lanes // max(1, count)), _TOGETHER))
+    return np.arange(tries_at_once(problems.lanes, count))
 
 
 def first_accepted(accepted: BoolArray, tries: int) -> tuple[BoolArray, IntArray]:
@@ -253,7 +252,7 @@ class Search:
         """
         now, primal, size = self.iterates, self.primal.copy(), self.iterates.size
         g, y, before = trial.g, trial.y, trial.violation
-        worse = before >= np.maximum(self.lines[0, trial.rows], np.finfo(float).tiny)
+        worse = (before > 0.0) & (before >= self.lines[0, trial.rows])
         at = np.flatnonzero(~trial.accepted & worse & np.isfinite(before))
         rows, lengths = trial.rows[at], self.length[trial.rows[at]]
         g, y, before = g[:, at], y[:, at], before[at]
