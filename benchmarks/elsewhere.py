@@ -240,7 +240,7 @@ def write_tables(name: str, data: Path) -> None:
     else:
         parts += [failures(runs), book(runs)] if name == "files" else [book(runs)]
     TABLES.mkdir(exist_ok=True)
-    (TABLES / f"{name}.md").write_text("\n\n".join(part.strip() for part in parts) + "\n", "utf-8")
+    (TABLES / f"{name}.inc").write_text("\n\n".join(part.strip() for part in parts) + "\n", "utf-8")
 
 
 def faults(name: str, runs: pd.DataFrame) -> list[str]:

@@ -37,7 +37,7 @@ extensions = [
     "repository_links",  # links such as ../LICENSE work on GitHub and on the site
     "scenario_keys",  # the reference of scenario files, from the pydantic schema
 ]
-exclude_patterns = ["_build", "_ext", "*.py", "examples", "elsewhere", "**.ipynb_checkpoints"]
+exclude_patterns = ["_build", "_ext", "*.py", "examples", "**.ipynb_checkpoints"]
 smartquotes = False  # else --runs becomes a dash and a word
 
 # --- pages
