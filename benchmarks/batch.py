@@ -169,7 +169,7 @@ def jax(task: FormationTask, n_starts: int) -> Callable[[], np.ndarray]:
     weights = p[:, 5 * n : 6 * n]
     one = bool((np.count_nonzero(weights, axis=1) == 1).all())
     order = np.argsort(-weights, axis=1, kind="stable")  # who has the weight comes first
-    program = batch_program(hazard.radar_positions, numbers, 1 if one else n, discs, 1e-7, 3000)
+    program = batch_program(hazard.radar_positions, numbers, 1 if one else n, discs, 1e-9, 400)
 
     def ordered(array: np.ndarray) -> np.ndarray:
         return np.take_along_axis(array, order.reshape(order.shape + (1,) * (array.ndim - 2)), 1)

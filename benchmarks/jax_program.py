@@ -7,9 +7,10 @@ of each lane's state, so that an iteration is one gradient of every lane; when m
 finished, the remaining ones are gathered and continue by themselves. If a single member has a
 weight, it is the first, and no other rate is computed.
 
-The method is SPG2 (Birgin, Martinez and Raydan, SIAM J. Optim. 10(4), 2000) from casswarm's initial
-guesses: coarsely from each, then from the best to tolerance. Needs ``pip install jax``, which is
-required by this benchmark only.
+The method is SPG2 (Birgin, Martinez and Raydan, SIAM J. Optim. 10(4), 2000) with the line search of
+Zhang and Hager (SIAM J. Optim. 14(4), 2004), from casswarm's initial guesses: coarsely from each,
+then from the best until a step promises a relative decrease below a tolerance. Needs ``pip install
+jax``, which is required by this benchmark only.
 """
 
 from __future__ import annotations
@@ -24,10 +25,13 @@ from jax import lax
 
 jax.config.update("jax_enable_x64", True)
 
-MEMORY, SUFFICIENT, ROUNDING, COARSE = 10, 1e-4, 2.0**-46, 1e-3
-PART = 4  # of the lanes: fewer active ones are gathered
+DECAY, SUFFICIENT, COARSE = 0.85, 1e-4, 1e-3
+SHORTEST = 1e-12  # part of a step
+NARROWEST, PART = 16, 4  # lanes at least, and how much narrower arrays become
+ROUNDING = 2.0**-46
 Array = Any
 Lanes = dict[str, Array]
+Slopes = Callable[..., tuple[Array, Array]]
 
 
 def rates(v: Array, data: Lanes, radars: Array, numbers: dict[str, float], of: int) -> Array:
@@ -113,93 +117,69 @@ def lens(c1: Array, r1: Array, c2: Array, r2: Array) -> list[Array]:
     return [c1 + along * between + sign * across * normal for sign in (-1.0, 1.0)]
 
 
+def begin(x: Array, data: Lanes, slopes: Slopes, discs: int) -> Lanes:
+    """The lanes at points of their sets, with directions of a first step."""
+    f, g = slopes(x, data)
+    first = 1.0 / jnp.maximum(jnp.max(jnp.abs(g), axis=(0, 1)), 1e-300)
+    d = project(x - first * g, data["sets"], discs) - x
+    one = jnp.ones_like(f)
+    return {"x": x, "f": f, "g": g, "d": d, "slope": dot(g, d), "t": one, "mean": f, "count": one}
+
+
+def tick(lanes: Lanes, data: Lanes, slopes: Slopes, discs: int) -> Lanes:
+    """One trial point of every lane: it is taken, or the step is shortened."""
+    x, f, t, slope = (lanes[key] for key in ("x", "f", "t", "slope"))
+    trial = x + t * lanes["d"]
+    ft, gt = slopes(trial, data)
+    taken = ~lanes["done"] & (ft <= lanes["mean"] + SUFFICIENT * t * slope)
+    s, y = trial - x, gt - lanes["g"]
+    curved, square = dot(s, y), dot(s, s)
+    step = jnp.where(curved > 0.0, square / jnp.where(curved > 0.0, curved, 1.0), jnp.inf)
+    step = jnp.clip(step, 1e-10 * data["metric"], 1e10 * data["metric"])
+    d = project(trial - step * gt, data["sets"], discs) - trial
+    count = 1.0 + DECAY * lanes["count"]
+    after = {"x": trial, "f": ft, "g": gt, "d": d, "slope": dot(gt, d), "count": count}
+    after["mean"] = lanes["mean"] + (ft - lanes["mean"]) / count
+    after = {key: jnp.where(taken, array, lanes[key]) for key, array in after.items()}
+    shorter = jnp.clip(-0.5 * t * t * slope / (ft - f - t * slope), 0.1 * t, 0.5 * t)
+    return after | {"t": jnp.where(taken, 1.0, shorter)}
+
+
+def dot(first: Array, second: Array) -> Array:
+    """Scalar products (B,)."""
+    return jnp.sum(first * second, axis=(0, 1))
+
+
 def spg(
-    x: Array,
-    data: Lanes,
-    slopes: Callable[..., tuple[Array, Array]],
-    discs: int,
-    tolerance: float,
-    ticks: int,
+    x: Array, data: Lanes, slopes: Slopes, discs: int, tolerance: float, ticks: int
 ) -> tuple[Array, Array, Array]:
-    """SPG2 in every lane from x (n, 2, B): x, f, residual."""
-    sets, metric = data["sets"], data["metric"]
+    """The method in every lane from x (n, 2, B): x, f, and which lanes are not finished."""
 
-    def turned(lanes: Lanes, data: Lanes) -> Lanes:
-        """The lanes with the direction of their spectral step, and the residual's bound."""
-        x, g, step = lanes["x"], lanes["g"], lanes["step"]
-        d = project(x - step * g, data["sets"], discs) - x
-        longest = jnp.sqrt(jnp.max(jnp.sum(d**2, axis=1), axis=0))
-        residual = longest * jnp.maximum(1.0, data["metric"] / step) / data["unit"]
-        return {
-            **lanes,
-            "d": d,
-            "slope": jnp.sum(d * g, axis=(0, 1)),
-            "residual": residual,
-            "t": jnp.ones_like(step),
-        }
-
-    def tick(lanes: Lanes, data: Lanes) -> Lanes:
-        """One trial point of every unfinished lane."""
-        x, f, g, d, t, slope = (lanes[key] for key in ("x", "f", "g", "d", "t", "slope"))
-        live = lanes["residual"] > tolerance
-        trial = x + t * d
-        ft, gt = slopes(trial, data)
-        wanted = jnp.max(lanes["history"], axis=0) + SUFFICIENT * t * slope + 1e-15 * jnp.abs(f)
-        taken = live & (ft <= wanted)
-        s, y = trial - x, gt - g
-        curved = jnp.sum(s * y, axis=(0, 1))
-        step = jnp.where(curved > 0.0, jnp.sum(s * s, axis=(0, 1)) / curved, jnp.inf)
-        step = jnp.clip(step, 1e-10 * data["metric"], 1e10 * data["metric"])
-        moved = {
-            "x": jnp.where(taken, trial, x),
-            "f": jnp.where(taken, ft, f),
-            "g": jnp.where(taken, gt, g),
-            "step": jnp.where(taken, step, lanes["step"]),
-            "history": jnp.where(
-                taken, jnp.concatenate([lanes["history"][1:], ft[None]]), lanes["history"]
-            ),
-        }
-        after = turned({**lanes, **moved}, data)
-        q = -0.5 * t * t * slope / (ft - f - t * slope)
-        shorter = jnp.where((q >= 0.1 * t) & (q <= 0.9 * t), q, 0.5 * t)
-        return {
-            **after,
-            "d": jnp.where(taken, after["d"], d),
-            "slope": jnp.where(taken, after["slope"], slope),
-            "residual": jnp.where(taken, after["residual"], lanes["residual"]),
-            "t": jnp.where(taken | ~live, 1.0, shorter),
-        }
+    def ended(lanes: Lanes) -> Lanes:
+        small = -lanes["slope"] <= tolerance * jnp.abs(lanes["f"])
+        return lanes | {"done": small | (lanes["t"] < SHORTEST)}
 
     def run(lanes: Lanes, data: Lanes, few: int) -> Lanes:
         """Ticks until at most `few` lanes are unfinished."""
 
-        def busy(carry: tuple[Lanes, int]) -> Array:
-            return (jnp.sum(carry[0]["residual"] > tolerance) > few) & (carry[1] < ticks)
+        def busy(carry: tuple[Lanes, Array]) -> Array:
+            return (jnp.sum(~carry[0]["done"]) > few) & (carry[1] < ticks)
 
-        def body(carry: tuple[Lanes, int]) -> tuple[Lanes, int]:
-            return tick(carry[0], data), carry[1] + 1
+        def body(carry: tuple[Lanes, Array]) -> tuple[Lanes, Array]:
+            return ended(tick(carry[0], data, slopes, discs)), carry[1] + 1
 
         return lax.while_loop(busy, body, (lanes, 0))[0]
 
-    x = project(x, sets, discs)
-    f, g = slopes(x, data)
-    lanes = turned(
-        {"x": x, "f": f, "g": g, "step": metric, "history": jnp.broadcast_to(f, (MEMORY, f.size))},
-        data,
-    )
-    length = jnp.maximum(lanes["residual"], 1e-300)
-    again = turned({**lanes, "step": metric / length}, data)
-    lanes = {**again, "residual": lanes["residual"]}  # that of the step of one
-    batch = f.size
-    while batch >= 8 * PART:  # narrower and narrower arrays
-        batch //= PART
-        lanes = run(lanes, data, batch)
-        left = jnp.nonzero(lanes["residual"] > tolerance, size=batch, fill_value=0)[0]
-        part = {key: array[..., left] for key, array in lanes.items()}
-        part = run(part, {key: array[..., left] for key, array in data.items()}, batch // PART)
+    lanes = ended(begin(project(x, data["sets"], discs), data, slopes, discs))
+    widths = [x.shape[-1]]
+    while widths[-1] > NARROWEST:
+        widths.append(-(-widths[-1] // PART))
+    lanes = run(lanes, data, widths[1] if len(widths) > 1 else 0)
+    for width, few in zip(widths[1:], [*widths[2:], 0], strict=True):
+        left = jnp.argsort(lanes["done"])[:width]  # unfinished ones first
+        part = run(*({k: v[..., left] for k, v in each.items()} for each in (lanes, data)), few)
         lanes = {key: lanes[key].at[..., left].set(part[key]) for key in lanes}
-    lanes = run(lanes, data, 0)
-    return lanes["x"], lanes["f"], lanes["residual"]
+    return lanes["x"], lanes["f"], ~lanes["done"]
 
 
 def batch_program(

@@ -3,6 +3,7 @@ from ._util.settings import Accuracy, Execution
 from .bounds.risk_bound import Certificate
 from .bounds.success_bound import SuccessBound, success_bound
 from .chain.distribution import Estimate, OutcomeDistribution
+from .chain.markov_chain import MarkovChain
 from .comparison import Comparison, Problem, Tolerances, compare, read_problems
 from .errors import (
     CasswarmError,
@@ -39,6 +40,7 @@ from .studies.evaluation import (
     SuccessGradient,
     estimate,
     evaluate,
+    markov_chain,
     success_gradient,
 )
 from .studies.information import value_of_information
@@ -77,6 +79,7 @@ __all__ = [
     "Instances",
     "Interval",
     "KernelHazard",
+    "MarkovChain",
     "MixedGuide",
     "MixedPlan",
     "Nlp",
@@ -124,6 +127,7 @@ __all__ = [
     "load_scenario",
     "make_policy",
     "make_solver",
+    "markov_chain",
     "nlp",
     "optimal_value",
     "plan",

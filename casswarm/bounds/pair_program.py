@@ -14,7 +14,6 @@ from itertools import combinations, product
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.optimize import minimize_scalar
 
 from .._util.numbers import SPEED_TOL
 from ..grid.dynamic_programming import StageCosts, backwards, costs_to_go, least_cost
@@ -297,6 +296,8 @@ def best_multiplier(task: Relaxation) -> float:
 
     The bound is a concave function of it, as the least of affine ones.
     """
+    from scipy.optimize import minimize_scalar  # slow to import
+
     costs = StageCosts(Grid.finest(task, _MULTIPLIER_NODES))
     if costs.grid.stride > 1:
         return 0.0

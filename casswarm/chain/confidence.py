@@ -6,8 +6,6 @@ import math
 from bisect import bisect_left
 from dataclasses import dataclass
 
-from scipy.special import bdtr, betaincinv, ndtri
-
 from ..typing import BoolArray, Interval
 
 LEVEL = 0.95
@@ -26,6 +24,8 @@ def wilson(successes: float, runs: float, level: float = LEVEL) -> Interval:
         0 <= successes <= runs, runs > 0; not integers where `runs` is an effective number.
     level : float
     """
+    from scipy.special import ndtri  # slow to import
+
     z, mean = float(ndtri((1 + level) / 2)), successes / runs
     scale = 1 + z**2 / runs
     middle = (mean + z**2 / (2 * runs)) / scale
@@ -48,6 +48,8 @@ def clopper_pearson(successes: int, runs: int, level: float = LEVEL) -> Interval
         0 <= successes <= runs, runs > 0.
     level : float
     """
+    from scipy.special import betaincinv  # slow to import
+
     tail = (1 - level) / 2
 
     def lower_end(count: int) -> float:
@@ -180,6 +182,8 @@ class Paired:
     @property
     def p_value(self) -> float:
         """McNemar's exact test of equal success: a binomial test of the discordant runs."""
+        from scipy.special import bdtr  # slow to import
+
         fewer = min(self.first_only, self.second_only)
         tail = float(bdtr(fewer, self.first_only + self.second_only, 0.5))
         return min(1.0, 2.0 * tail)

@@ -1,4 +1,4 @@
-"""Exact laws of policies and their gradients, and estimates for large swarms."""
+"""Exact laws of policies, their chains and gradients, and estimates for large swarms."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ from .._util.text import counted
 from ..chain.distribution import Estimate, OutcomeDistribution
 from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, sample_residual
 from ..chain.gradient import success_and_gradient
+from ..chain.markov_chain import MarkovChain, markov_chain_of
 from ..chain.monte_carlo import Chain
 from ..errors import CasswarmWarning, PolicyError
 from ..guide.guide import Guide
 from ..policies.parametric import ParametricPolicy
 from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
+from ..scenario.variations import require_default
 from ..solvers import Solver
 from ..typing import FloatArray, Interval
 from .inputs import PosedStudy, policy_list, policy_name, require_runs
@@ -133,7 +135,9 @@ def evaluate(
     tolerance, max_states, aggregation_tol, progress = values
     options = _options(scenario, tolerance, max_states)
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
-    expansions = _expansions(inputs, options, aggregation_tol)[0]
+    expansions, posed = _expansions(inputs, options, aggregation_tol)
+    for expansion in expansions:
+        expansion.expand(posed.progress)
     laws = [expansion.distribution() for expansion in expansions]
     return OutcomeDistribution.of_cases(_weighted(scenario, laws))
 
@@ -198,10 +202,71 @@ def estimate(
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
-    expansions, velocities = _expansions(inputs, options, aggregation_tol)
-    chain = Chain(scenario, velocities, seed, lattice=expansions[0].options.lattice)
+    expansions, posed = _expansions(inputs, options, aggregation_tol)
+    for expansion in expansions:
+        expansion.expand(posed.progress)
+    chain = Chain(scenario, posed.velocities, seed, lattice=expansions[0].options.lattice)
     sampled = [sample_residual(expansion, chain, runs, inputs[-1]) for expansion in expansions]
     return Estimate.of_cases(_weighted(scenario, sampled))
+
+
+def markov_chain(
+    scenario: Scenario,
+    policy: Any = "leader",
+    tolerance: float | None = None,
+    *,
+    guide: Guide | None = None,
+    solver: str | Solver = "auto",
+    solver_options: Mapping[str, Any] | None = None,
+    accuracy: Accuracy | None = None,
+    **plain: Unpack[EvaluationKeywords],
+) -> MarkovChain:
+    """Enumerate the Markov chain of a policy: states, transitions and labels.
+
+    `MarkovChain.export` writes it for model checkers (``docs/model-checkers.md``).
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of at most 12 members, and of a hazard that is known.
+    policy, guide, solver, solver_options
+        As in `evaluate`.
+    tolerance : float
+        Probability of the histories that may be left out, by default 1e-3. At 0 all are followed.
+    accuracy, **plain
+        Values of `Accuracy`, in this record or as plain keywords: `max_states`, by default 200,000,
+        of which the most probable are followed, and `aggregation_tol`, as in `evaluate`.
+
+    Returns
+    -------
+    MarkovChain
+
+    Raises
+    ------
+    PolicyError, PlanningError, ValueError, TypeError
+        As in `evaluate`; a swarm that is too large.
+    ScenarioError
+        A hazard that is not known.
+
+    Examples
+    --------
+    >>> import casswarm as csw
+    >>> chain = csw.markov_chain(csw.load_scenario("paper-1"), "leader", tolerance=0.01)
+    >>> chain.transitions.shape == (len(chain.steps), len(chain.steps))
+    True
+    >>> low, high = chain.success
+    >>> low <= high <= low + 0.01
+    True
+    """
+    require_scenario("markov_chain", scenario)
+    require_default(scenario, "hazard.case", "the chain of a policy")
+    _require_few(scenario, "chains are", "estimate() takes larger swarms")
+    given = plain if tolerance is None else {**plain, "tolerance": tolerance}
+    values = given_values("markov_chain", accuracy, plain=given, **EXACT)
+    tolerance, max_states, aggregation_tol = values
+    options = _options(scenario, tolerance, max_states, MAX_STATES_OF_GRADIENT)
+    inputs = scenario, policy, guide, solver, solver_options
+    return markov_chain_of(_expansions(inputs, options, aggregation_tol)[0][0])
 
 
 def _weighted(scenario: Scenario, answers: Sequence[T]) -> list[tuple[float, T]]:
@@ -238,11 +303,8 @@ def _require_few(scenario: Scenario, what: str, advice: str) -> None:
 
 def _expansions(
     inputs: tuple[Any, ...], options: ExpansionOptions, aggregation_tol: float | None
-) -> tuple[list[StateSpaceExpansion], FloatArray]:
-    """Expand the chain's states, of the inputs of `PosedStudy.of`, for every case of the hazard.
-
-    Also returns V(-1).
-    """
+) -> tuple[list[StateSpaceExpansion], PosedStudy]:
+    """New expansions of the inputs of `PosedStudy.of`, one for every case of the hazard."""
     scenario, policy, *others = inputs
     names = list(map(policy_name, listed := policy_list(policy)))
     if len(names) > 1:
@@ -253,14 +315,12 @@ def _expansions(
         )
     posed = PosedStudy.of(scenario, listed, *others)
     options = replace(options, lattice=posed.lattice(aggregation_tol))
-    policy, velocities = repeated(posed.policies[0]), posed.velocities
+    policy = repeated(posed.policies[0])
     expansions = [
-        StateSpaceExpansion(scenario, policy, velocities, options, case)
+        StateSpaceExpansion(scenario, policy, posed.velocities, options, case)
         for case in range(len(scenario.cases))
     ]
-    for expansion in expansions:
-        expansion.expand(posed.progress)
-    return expansions, velocities
+    return expansions, posed
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ from functools import cached_property, partial
 from typing import Any
 
 import pandas as pd
-from scipy.optimize import minimize
 
 from .._util.text import shown
 from ..bounds.success_bound import success_bound
@@ -161,6 +160,8 @@ def _maximised(
     stage: int,
 ) -> tuple[FloatArray, str, list[float]]:
     """Parameters of a stage's end, the optimiser's message, and every objective."""
+    from scipy.optimize import minimize  # slow to import
+
     objectives: list[float] = []
 
     def loss(x: FloatArray) -> tuple[float, FloatArray]:

@@ -56,18 +56,20 @@ CALLS: dict[str, Callable[..., Any]] = {
     "evaluate": partial(csw.evaluate, SINGLE, "naive"),
     "estimate": partial(csw.estimate, SINGLE, "naive", 50),
     "sweep": partial(csw.sweep, SINGLE, {"formation.rho": [0.1]}, ["naive"]),
+    "markov_chain": partial(csw.markov_chain, PAPER, "naive"),
     "success_gradient": partial(csw.success_gradient, PAPER, POLICY),
     "simulate": partial(csw.simulate, SINGLE, ["naive"], 5),
     "compare": partial(csw.compare, "quick", ["ipopt"], count=1),
     "plan": partial(csw.plan, SINGLE),
     "plan_swarm": partial(csw.plan_swarm, SINGLE),
 }
-REPORTING = {name: call for name, call in CALLS.items() if name != "success_gradient"}
+SILENT = ("markov_chain", "success_gradient")  # without progress
+REPORTING = {name: call for name, call in CALLS.items() if name not in SILENT}
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_value_that_is_given_twice_is_named(name: str) -> None:
-    exact = name in ("evaluate", "estimate", "sweep", "success_gradient")
+    exact = name in ("evaluate", "estimate", "sweep", *SILENT)
     twice: dict[str, Any] = {"tolerance": 0.1, "accuracy": ROUGH}
     if not exact:
         twice = {"progress": print, "execution": csw.Execution(progress=False)}
@@ -80,7 +82,7 @@ def test_value_that_is_given_twice_is_named(name: str) -> None:
 def test_unknown_value_is_named_with_those_allowed(name: str) -> None:
     with pytest.raises(TypeError, match=f"{name} takes no 'tolerence'; allowed: "):
         CALLS[name](tolerence=0.1)
-    if name not in ("compare", "plan", "plan_swarm", "success_gradient"):
+    if name not in ("compare", "plan", "plan_swarm", *SILENT):
         limited = csw.Execution(time_limit=1.0)
         with pytest.raises(TypeError, match=f"{name} takes no 'time_limit'"):
             CALLS[name](execution=limited)

@@ -69,6 +69,7 @@ PARTS: dict[str, Callable[[csw.Scenario], Any]] = {
     "joint, joint-replanning": each("joint", "joint-replanning"),
     "simulate": lambda one: csw.simulate(one, ["leader"], 20, seed=1).summary.success,
     "evaluate": run("leader"),
+    "markov_chain": lambda one: csw.markov_chain(one, "leader", 0.05).success,
     "success_gradient": lambda one: gradient(one, steered(one)).gradient,
     "casswarm.envs": lambda one: SwarmVectorEnv(one, 3).reset(seed=1)[0],
 }
