@@ -6,12 +6,16 @@ import its other modules inside their functions, so that ``--help`` is quick.
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
+from .common import ARGUMENTS
 from .compare import compare
 from .evaluate import evaluate
 from .explain import explain
 from .lists import scenarios, solvers
+from .merge import merge
 from .output import show_log
 from .plan import plan, plan_swarm
 from .reproduce import reproduce
@@ -20,7 +24,17 @@ from .simulate import simulate
 from .sweep import sweep
 
 
+class _Commands(click.Group):
+    """The commands, which can see the words of their command line."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Note the words before the command takes them."""
+        ctx.meta[ARGUMENTS] = list(args)
+        return super().resolve_command(ctx, args)
+
+
 @click.group(
+    cls=_Commands,
     commands=[
         plan,
         plan_swarm,
@@ -28,6 +42,7 @@ from .sweep import sweep
         evaluate,
         sweep,
         compare,
+        merge,
         explain,
         reproduce,
         plot,
@@ -51,6 +66,7 @@ def main() -> None:
       casswarm evaluate paper-1                   success of every policy, computed exactly
       casswarm sweep paper-1 --set n=2,3,4,5      success over parameter values
       casswarm compare --family quick             speed and reliability of the solvers
+      casswarm merge parts/*                      one study from its parts
       casswarm explain model.nl                   why a program is infeasible
       casswarm plot results/simulate-paper-1      figures from saved results
       casswarm animate results/simulate-paper-1   animation of a saved run

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,8 @@ import click
 
 import casswarm as csw
 
+from .._util.documents import json_text
+from .._util.parts import Part, PartFolder, PartSaved
 from .._util.text import printable
 from .._util.user_code import USER_ERRORS, failure_text, module_file
 from .._util.user_code import load as load_code
@@ -56,6 +58,22 @@ class WrongInput(Failure):
 
     exit_code = 2
 
+
+PART_FILE = "part.json"
+"""What a command writes in the folder of a part when it is finished: part, parts, arguments."""
+
+ARGUMENTS = "casswarm.cli.arguments"
+"""Key of a context's `meta` with the words of the command line after ``casswarm``."""
+
+_PART_OPTIONS = {
+    "--part": 1,
+    "--out": 1,
+    "--workers": 1,
+    "--dask": 1,
+    "--resume": 0,
+    "--overwrite": 0,
+}
+"""Options in which parts may differ, and whether a value follows."""
 
 _FREE = "free some space, then continue with --resume"
 
@@ -143,6 +161,22 @@ class Work:
             self._saved.folder, self._saved.since = self.folder.path, since
         return self.folder
 
+    def checkpoint(self, part: Part | None) -> Path | PartFolder:
+        """Where a study is saved, which may be a part of one."""
+        if part is None:
+            return self.folder.path
+        if self._output.out is None:
+            raise WrongInput("--part: give every part a folder of its own, with --out")
+        return PartFolder(self.folder.path, part)
+
+    def finish_part(self, part: Part) -> None:
+        """Write what `casswarm merge` needs, and say so."""
+        arguments = click.get_current_context().meta[ARGUMENTS]
+        words = {"part": part.number, "parts": part.count, "arguments": _without_part(arguments)}
+        self.folder.write_file(PART_FILE, json_text(words))
+        text = f"{part} is saved in {self.folder.path}; casswarm merge joins all parts"
+        click.echo(json_text(words) if self._output.as_json else printable(text))
+
     def say(self, text: str) -> None:
         """Print a line of progress on standard error."""
         say(text, self._output.quiet)
@@ -207,7 +241,25 @@ def work(output: ResultOptions, resume: str = "continue with --resume") -> Itera
         said_warnings(),
         progress_report(output.quiet) as progress,
     ):
-        yield Work(output, saved, progress)
+        job = Work(output, saved, progress)
+        try:
+            yield job
+        except PartSaved as saved_part:
+            job.finish_part(saved_part.args[0])
+
+
+def _without_part(words: Sequence[str]) -> list[str]:
+    """Words of a command line without the options in which parts may differ."""
+    kept, skipped = [], 0
+    for word in words:
+        name, equals, _ = word.partition("=")
+        if skipped:
+            skipped -= 1
+        elif name in _PART_OPTIONS:
+            skipped = 0 if equals else _PART_OPTIONS[name]
+        else:
+            kept.append(word)
+    return kept
 
 
 def load(common: ScenarioInput, values: Mapping[str, Any] | None = None) -> csw.Scenario:

@@ -11,6 +11,7 @@ import click
 
 import casswarm as csw
 
+from .._util.parts import Part
 from .common import named_solver, work
 from .options import (
     COUNT,
@@ -20,6 +21,7 @@ from .options import (
     option,
     options,
     out_option,
+    part_option,
     policy_option,
     refuse,
     scenario_argument,
@@ -92,6 +94,7 @@ class CompareOptions:
         "the error bars of both.",
         metavar="FOLDER",
     )
+    part: Part | None = part_option()
     allow_code: bool = allow_code_option()
 
     def __post_init__(self) -> None:
@@ -149,7 +152,7 @@ def compare(selection: CompareOptions, output: CompareOutput) -> None:
             seed=selection.seed,
             time_limit=selection.time_limit,
             record_iterates=not selection.no_iterates,
-            checkpoint=folder.path,
+            checkpoint=job.checkpoint(selection.part),
             if_exists="resume",
             progress=job.progress,
         )

@@ -26,6 +26,7 @@ from click.shell_completion import CompletionItem
 import casswarm as csw
 
 from .._util.numbers import MAX_SEED
+from .._util.parts import Part
 
 
 def complete_scenario(_: Context, __: Parameter, incomplete: str) -> list[CompletionItem]:
@@ -95,6 +96,20 @@ class AmbiguityText(click.types.StringParamType):
                 ctx,
             )
         return chosen
+
+
+class PartText(click.types.StringParamType):
+    """A part of a study, k/K."""
+
+    name = "part"
+
+    def convert(self, value: Any, param: Parameter | None, ctx: Context | None) -> Any:
+        """The part."""
+        number, slash, count = str(value).partition("/")
+        digits = slash and number.isdecimal() and count.isdecimal() and len(value) < 20
+        if not digits or not 1 <= int(number) <= int(count):
+            self.fail(f"{value!r} is not of the form k/K, such as 3/64", param, ctx)
+        return Part(int(number), int(count))
 
 
 POSITIVE = Number(0, min_open=True)
@@ -192,6 +207,15 @@ def out_option(text: str = "[default: results/COMMAND-SCENARIO]") -> Any:
 def seed_option() -> Any:
     """Field of the random seed."""
     return option("Random seed.", type=click.IntRange(0, MAX_SEED), default=0)
+
+
+def part_option() -> Any:
+    """Field of the part of a study."""
+    return option(
+        "Compute only part k of K and save it in --out; casswarm merge joins all parts.",
+        type=PartText(),
+        metavar="k/K",
+    )
 
 
 def quiet_option() -> Any:
@@ -383,6 +407,7 @@ class StudyOptions:
     )
     resume: bool = option("Resume an interrupted study with the same inputs from its folder.")
     overwrite: bool = option("Discard an unfinished study and start over.")
+    part: Part | None = part_option()
 
     def __post_init__(self) -> None:
         if self.resume and self.overwrite:

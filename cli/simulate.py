@@ -92,8 +92,11 @@ def simulate(
 
         chosen_policies = named_policies(policies)
         folder = job.open("simulate", chosen, execution.saved_since)
-        job.prepare_figures()
-        guide = csw.plan(chosen.believed, guide_solver(policies.solver), progress=job.progress)
+        whole = execution.part is None
+        if whole:
+            job.prepare_figures()
+        solver = guide_solver(policies.solver)
+        guide = csw.plan(chosen.believed, solver, certify=whole, progress=job.progress)
         shared: dict[str, Any] = {"guide": guide, "solver": policies.solver}
         study = _study(job, chosen, chosen_policies, sampling, execution, shared)
         inputs = {
@@ -139,7 +142,7 @@ def _study(
             workers,
             save_trajectories=sampling.save_trajectories,
             progress=job.progress,
-            checkpoint=job.folder.path,
+            checkpoint=job.checkpoint(execution.part),
             if_exists=execution.if_exists,
             **shared,
         )

@@ -99,7 +99,7 @@ def sweep(
                 chosen_policies,
                 **settings,
                 workers=workers,
-                checkpoint=folder.path,
+                checkpoint=job.checkpoint(execution.part),
                 if_exists=execution.if_exists,
                 progress=job.progress,
             )
@@ -117,8 +117,8 @@ def sweep(
         if common.report:
             job.report()
         job.finish(_text(result))
-    if result.failures == len(result.table):
-        raise Failure("every sweep point failed; the reasons are above and in sweep.csv")
+        if result.failures == len(result.table):
+            raise Failure("every sweep point failed; the reasons are above and in sweep.csv")
 
 
 def _grid(settings: tuple[str, ...]) -> dict[str, list[Any]]:

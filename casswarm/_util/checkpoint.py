@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -31,6 +31,7 @@ from .files import (
     read_arrays,
     read_json,
 )
+from .parts import PartFolder, PartSaved
 from .text import shortened, shown
 
 IfExists = Literal["error", "resume", "overwrite"]
@@ -219,6 +220,26 @@ class Checkpoint:
         """Names of the records, sorted."""
         return sorted(p.stem for p in self._records.glob("*.npz") if not is_partial(p))
 
+    def adopt(self, folder: Path) -> None:
+        """Copy the records of a part that this study lacks, or of which its own are damaged.
+
+        Raises
+        ------
+        CheckpointError
+            They are of other inputs.
+        """
+        other = Checkpoint(folder, self._inputs)
+        try:
+            other._require_equal(read_json(other._inputs_file))
+        except DAMAGED as error:
+            raise other._error(f"{folder} holds no part of a study: {error}") from None
+        for name in other.names():
+            data = _arrays_of(other._records / f"{name}.npz", self._header)
+            if data is not None and self.load(name) is None:
+                atomic_write(
+                    self._records / f"{name}.npz", self._header + _digest(name, data) + data
+                )
+
     def finish(self) -> None:
         """Mark the study as finished: it may then be replaced without being asked for it."""
         atomic_write(self._records / "finished", b"")
@@ -226,15 +247,45 @@ class Checkpoint:
 
 @contextmanager
 def opened(
-    folder: str | Path | None, inputs: Callable[[], Mapping[str, Any]], if_exists: IfExists
+    folder: str | Path | PartFolder | None,
+    inputs: Callable[[], Mapping[str, Any]],
+    if_exists: IfExists,
 ) -> Iterator[Checkpoint | None]:
-    """Checkpoint of a study, which is finished if the block succeeds; None without a folder."""
+    """Checkpoint of a study, which is finished if the block succeeds; None without a folder.
+
+    Raises
+    ------
+    PartSaved
+        The folder is that of a part, and the block succeeded.
+    """
     if folder is None:
         yield None
         return
-    with Checkpoint(Path(folder), inputs(), if_exists) as store:
+    path = folder.path if isinstance(folder, PartFolder) else Path(folder)
+    with Checkpoint(path, inputs(), if_exists) as store:
         yield store
+        if isinstance(folder, PartFolder):
+            raise PartSaved(folder.part)
         store.finish()
+
+
+def joined(parts: Sequence[Path], folder: Path) -> None:
+    """Copy the records of a study's parts into a folder, where the study can then be resumed.
+
+    Raises
+    ------
+    CheckpointError
+        A folder has no records, or those of other inputs than the first one.
+    """
+    inputs_file = parts[0] / _FOLDER / "inputs.json"
+    try:
+        inputs = read_json(inputs_file)
+    except DAMAGED as error:
+        message = f"{parts[0]} holds no part of a study: {error}"
+        raise CheckpointError(message, folder=parts[0]) from None
+    with Checkpoint(folder, inputs, "resume") as store:
+        for part in parts:
+            store.adopt(part)
 
 
 def has_records(folder: Path, since: float = 0.0) -> bool:

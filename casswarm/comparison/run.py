@@ -25,6 +25,7 @@ from typing_extensions import Unpack
 
 from .._util.checkpoint import Checkpoint, file_name, opened
 from .._util.numbers import require_seed
+from .._util.parts import part_of
 from .._util.progress import reporter
 from .._util.settings import SAVED, Execution, SavedKeywords, given_values
 from .._util.text import shown
@@ -297,6 +298,7 @@ def compare(
             stack.callback(solver.close)
         records = stack.enter_context(opened(checkpoint, lambda: inputs, if_exists))
         copied = list(problem_copies(posed, copies, seed))
+        copied = [copy for k, copy in enumerate(copied) if part_of(checkpoint).owns(k)]
         rows = _benchmarks(copied, isolated, records, progress, inputs["record_iterates"])
     _require_applicable(rows)
     iterates = iterate_table(rows)

@@ -16,6 +16,7 @@ from .._util.checkpoint import Checkpoint, file_name, opened
 from .._util.child import Workers, done_jobs, require_sendable, require_workers
 from .._util.display import Displayed
 from .._util.numbers import require_seed
+from .._util.parts import Part, part_of
 from .._util.progress import reporter
 from .._util.settings import SAVED, Execution, SavedKeywords, given_values
 from ..chain.confidence import required_runs
@@ -50,14 +51,15 @@ def missing_batches(
     runs: int,
     save_trajectories: int,
     workers: Workers,
+    part: Part,
 ) -> list[Job]:
-    """Jobs of the runs that `results` lacks, in batches of a size that keeps all workers busy."""
+    """Jobs of the part's runs that `results` lacks, in batches that keep all workers busy."""
     number = int(workers) if isinstance(workers, Integral) else _EXECUTOR_SIZE
     size = min(BATCH, runs if number == 1 else -(-runs // (2 * number)))
     return [
         (policy.name, partial(chain.run, repeated(policy), first, min(size, end - first), saved))
         for policy in policies
-        for start, end in _gaps(results[policy.name], runs)
+        for start, end in _gaps(results[policy.name], runs, part)
         for first in range(start, end, size)
         for saved in [max(0, min(size, save_trajectories - first))]
     ]
@@ -111,10 +113,11 @@ def saved_results(
     return results
 
 
-def _gaps(saved: Sequence[Runs], runs: int) -> list[tuple[int, int]]:
-    """Ranges (first, last + 1) of runs that are not among the saved ones."""
-    ends = [0, *(part.end for part in saved)]
-    firsts = [*(part.first for part in saved), runs]
+def _gaps(saved: Sequence[Runs], runs: int, part: Part) -> list[tuple[int, int]]:
+    """Ranges (first, last + 1) of the part's runs that are not among the saved ones."""
+    first, last = part.window(runs)
+    ends = [first, *(max(first, batch.end) for batch in saved)]
+    firsts = [*(min(last, batch.first) for batch in saved), last]
     return [(a, b) for a, b in zip(ends, firsts, strict=True) if a < b]
 
 
@@ -288,7 +291,10 @@ def simulate(
     described = partial(study_inputs, "simulate", scenario, posed.policies, **inputs)
     with opened(checkpoint, described, if_exists) as store:
         results = saved_results(store, posed.policies, runs)
-        batches = missing_batches(chain, posed.policies, results, runs, save_trajectories, workers)
+        part = part_of(checkpoint)
+        batches = missing_batches(
+            chain, posed.policies, results, runs, save_trajectories, workers, part
+        )
         if workers != 1:
             require_sendable(dict(batches))
         simulate_batches(batches, workers, results, posed.progress, runs, store)

@@ -19,6 +19,7 @@ from .._util.checkpoint import opened
 from .._util.child import done_jobs, require_sendable, require_workers
 from .._util.display import Displayed
 from .._util.numbers import require_seed
+from .._util.parts import part_of
 from .._util.progress import reporter
 from .._util.settings import EXACT, SAVED, Accuracy, Execution, Keywords, given_values
 from .._util.text import counted
@@ -249,7 +250,9 @@ def sweep(
             saved = {k: store.load_json(name) for k, name in enumerate(names)}
             # sweep points that failed are computed again
             results = {k: result for k, result in saved.items() if is_computed(result)}
-        missing = [index for index in range(len(points)) if index not in results]
+        part = part_of(checkpoint)
+        missing = [k for k in range(len(points)) if part.owns(k) and k not in results]
+        number = len(results) + len(missing)
         if workers != 1 and missing:
             require_sendable({policy_name(point.policy): point for point in points})
         for job, result in done_jobs([points[index] for index in missing], workers):
@@ -257,7 +260,7 @@ def sweep(
             if store is not None:
                 store.save_json(names[missing[job]], result)
             if progress is not None:
-                progress("sweep points", len(results), len(points))
+                progress("sweep points", len(results), number)
     rows = [point.identity() | results[k]["columns"] for k, point in enumerate(points)]
     table = pd.DataFrame(rows).astype(dict.fromkeys(COUNTS, "Int64"))
     seconds = [results[k]["seconds"] for k in range(len(points))]
