@@ -8,7 +8,7 @@ Run in a checkout::
     python benchmarks/structure.py --picture F.svg  # rooms, with their imports
 
 Lines of code proper are those without docstrings, comments and blanks. They may exceed `REACHED` by
-3 %; beyond that, CHANGELOG.md has to say why, in a line of *Unreleased* of the form
+3 %; beyond that, CHANGELOG.md has to say why, in a line of its newest version of the form
 ``- Size: 27,000 lines of code, because ...``.
 """
 
@@ -161,8 +161,8 @@ def total(paths: list[Path]) -> int:
 def allowed() -> float:
     """The largest number of lines of code that passes the check."""
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    unreleased = changelog.partition("## [Unreleased]")[2].partition("\n## ")[0]
-    stated = re.findall(r"^- Size: ([\d,]+) lines of code, because", unreleased, re.MULTILINE)
+    newest = "".join(changelog.split("\n## ")[1:3])  # unreleased, and the last release
+    stated = re.findall(r"^- Size: ([\d,]+) lines of code, because", newest, re.MULTILINE)
     return max([REACHED * GROWTH, *(int(each.replace(",", "")) for each in stated)])
 
 

@@ -14,6 +14,7 @@ States: TypeAlias = tuple[FloatArray, FloatArray, BoolArray]  # positions, veloc
 Expr: TypeAlias = Any
 """A CasADi expression or Function; CasADi has no type hints."""
 
+Seed: TypeAlias = int | np.random.Generator  # of a generator, the next 64 bits are drawn
 Search: TypeAlias = Literal["local", "global"]
 Objective: TypeAlias = Literal["success", "arrivals", "survivors"]
 LeaderSelection: TypeAlias = Literal["nearest", "first", "safest"]

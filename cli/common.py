@@ -172,7 +172,7 @@ class Work:
     def finish_part(self, part: Part) -> None:
         """Write what `casswarm merge` needs, and say so."""
         arguments = click.get_current_context().meta[ARGUMENTS]
-        words = {"part": part.number, "parts": part.count, "arguments": _without_part(arguments)}
+        words = {"part": part.number, "parts": part.parts, "arguments": _without_part(arguments)}
         self.folder.write_file(PART_FILE, json_text(words))
         text = f"{part} is saved in {self.folder.path}; casswarm merge joins all parts"
         click.echo(json_text(words) if self._output.as_json else printable(text))

@@ -22,13 +22,16 @@ MAX_SEED = 2**64 - 1
 
 
 def require_seed(seed: object) -> int:
-    """`seed` as an int.
+    """`seed` as an int; of a generator of NumPy, the next 64 bits.
 
     Raises
     ------
     ValueError
         It is not a whole number from 0 to `MAX_SEED`.
     """
+    draw = getattr(seed, "integers", None)
+    if draw is not None:
+        seed = int(draw(0, MAX_SEED, dtype="uint64", endpoint=True))
     if not isinstance(seed, Integral) or not 0 <= int(seed) <= MAX_SEED:
         raise ValueError(
             f"seed = {shown(seed)}; allowed: whole numbers from 0 to {MAX_SEED} (2^64 - 1)"

@@ -11,21 +11,21 @@ from typing import NamedTuple
 
 
 class Part(NamedTuple):
-    """Number `number` of `count` parts of a study, by default all of it."""
+    """Part `number` of `parts` of a study, by default all of it."""
 
     number: int = 1
-    count: int = 1
+    parts: int = 1
 
     def __str__(self) -> str:
-        return f"part {self.number} of {self.count}"
+        return f"part {self.number} of {self.parts}"
 
     def owns(self, index: int) -> bool:
         """Return True for every job of the part: they are dealt out in turn."""
-        return index % self.count == self.number - 1
+        return index % self.parts == self.number - 1
 
     def window(self, total: int) -> tuple[int, int]:
         """First of the part's consecutive items, of so many in all, and the last one plus one."""
-        return total * (self.number - 1) // self.count, total * self.number // self.count
+        return total * (self.number - 1) // self.parts, total * self.number // self.parts
 
 
 class PartFolder(NamedTuple):

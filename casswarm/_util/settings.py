@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..typing import Progress
     from .checkpoint import IfExists
     from .child import Workers
+    from .parts import PartFolder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +73,7 @@ class Execution:
 
     workers: Workers | None = None
     progress: Progress | bool | None = None
-    checkpoint: str | Path | None = None
+    checkpoint: str | Path | PartFolder | None = None
     if_exists: IfExists | None = None
     time_limit: float | None = None
 
@@ -81,7 +82,7 @@ class SavedKeywords(TypedDict, total=False):
     """Plain keywords of functions with `Execution`; each takes those that its docstring lists."""
 
     progress: Progress | bool | None
-    checkpoint: str | Path | None
+    checkpoint: str | Path | PartFolder | None
     if_exists: IfExists
     time_limit: float | None
 

@@ -35,7 +35,7 @@ from ..nlp.program import Instances, Nlp
 from ..nlp.residuals import relative_error
 from ..solvers import SOLVERS, Answer, Isolated, Solver, make_solver
 from ..solvers import __name__ as solver_room
-from ..typing import Progress
+from ..typing import Progress, Seed
 from .families import FAMILIES, make_problems
 from .perturbation import ProblemCopy, is_structured, problem_copies
 from .problem import Problem
@@ -201,7 +201,7 @@ def compare(
     *,
     count: int | None = None,
     copies: int = 0,
-    seed: int = 0,
+    seed: Seed = 0,
     tolerances: Tolerances | None = None,
     record_iterates: bool = True,
     execution: Execution | None = None,

@@ -30,7 +30,7 @@ from ..scenario.members import with_accelerations
 from ..scenario.scenario_files import require_scenario
 from ..scenario.variations import require_default
 from ..solvers import Solver, make_solver
-from ..typing import FloatArray, Objective, Progress
+from ..typing import FloatArray, Objective, Progress, Seed
 from .initial_guesses import INITIAL_GUESSES, Guesses, InitialGuess, delayed, padded, track
 from .plan_distribution import MAX_EXACT, MAX_MEMBERS, likely_sets, plan_law
 from .solve import STAGED, JointProblem, first_arrivals, stage_solver
@@ -326,7 +326,7 @@ def plan_swarm(
     solver: str | Solver = "auto",
     *,
     initial_guesses: Sequence[str] = INITIAL_GUESSES,
-    seed: int = 0,
+    seed: Seed = 0,
     min_distance: float | None = None,
     guide: Guide | None = None,
     certify: bool = True,

@@ -34,7 +34,7 @@ from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
 from ..scenario.variations import require_default
 from ..solvers import Solver
-from ..typing import FloatArray, Interval
+from ..typing import FloatArray, Interval, Seed
 from .inputs import PosedStudy, policy_list, policy_name, require_runs
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def estimate(
     scenario: Scenario,
     policy: Any = "leader",
     runs: int = 10_000,
-    seed: int = 0,
+    seed: Seed = 0,
     *,
     guide: Guide | None = None,
     solver: str | Solver = "auto",
@@ -169,8 +169,8 @@ def estimate(
         As in `evaluate`.
     runs : int
         Number of runs that sample the residual mass, at least 1.
-    seed : int
-        From 0 to 2^64 - 1.
+    seed : int or Generator
+        As in `simulate`.
     accuracy, execution, **plain
         Values of `Accuracy` and `Execution`, in these records or as plain keywords:
 

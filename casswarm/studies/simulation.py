@@ -26,7 +26,7 @@ from ..policies.base import Policy
 from ..policies.user import repeated
 from ..scenario.scenario_files import require_scenario
 from ..solvers import Solver
-from ..typing import Progress
+from ..typing import Progress, Seed
 from .inputs import PosedStudy, require_runs, study_inputs
 from .tables import paired_table, run_table, summarise, with_cases
 
@@ -200,7 +200,7 @@ def simulate(
     scenario: Scenario,
     policies: Any = PAPER_POLICIES,
     runs: int = 1000,
-    seed: int = 0,
+    seed: Seed = 0,
     workers: Workers | None = None,
     *,
     guide: Guide | None = None,
@@ -224,8 +224,8 @@ def simulate(
         objects with such a method ``velocities``. Their names must differ.
     runs : int
         Number of runs per policy, at least 1.
-    seed : int
-        From 0 to 2^64 - 1.
+    seed : int or Generator
+        From 0 to 2^64 - 1; of a generator of NumPy, one such integer is drawn: `Study.seed`.
     workers : int or executor
         Number of processes, by default this one only, or an executor: see `Execution`.
     guide : Guide, optional
@@ -321,7 +321,7 @@ def runs_needed(
     scenario: Scenario,
     policies: Any = PAPER_POLICIES,
     half_width: float = 0.005,
-    seed: int = 0,
+    seed: Seed = 0,
     *,
     pilot: int = PILOT,
     guide: Guide | None = None,

@@ -32,6 +32,7 @@ from ..scenario.scenario_files import require_scenario
 from ..scenario.validation import NO_SUCH_KEY
 from ..scenario.variations import DERIVED, whole_numbers, with_parameters
 from ..solvers import make_solver
+from ..typing import Seed
 from .evaluation import evaluate
 from .inputs import policy_list, policy_name, study_inputs
 from .simulation import PAPER_POLICIES, simulate
@@ -181,7 +182,7 @@ def sweep(
     policies: Any = PAPER_POLICIES,
     *,
     runs: int | None = None,
-    seed: int = 0,
+    seed: Seed = 0,
     solver: str = "auto",
     accuracy: Accuracy | None = None,
     execution: Execution | None = None,

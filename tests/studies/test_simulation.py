@@ -331,3 +331,14 @@ def test_slow_rates_of_a_function_are_told_once(call: Any, monkeypatch: pytest.M
         warnings.simplefilter("error")
         call(scenario(), "leader", guide=guide(), **few)
         call(foggy, "naive", guide=guide(), **few)
+
+
+def test_generator_gives_one_seed() -> None:
+    scenario = three_members()
+    first, second = (np.random.default_rng(3) for _ in range(2))
+    study = simulate(scenario, "naive", runs=20, seed=first)
+    assert study.seed == int(second.integers(0, 2**64 - 1, dtype=np.uint64, endpoint=True))
+    again = simulate(scenario, "naive", runs=20, seed=study.seed)
+    pd.testing.assert_frame_equal(study.runs, again.runs)
+    next_of_both = [simulate(scenario, "naive", 2, seed=each).seed for each in (first, second)]
+    assert next_of_both[0] == next_of_both[1] != study.seed

@@ -1,0 +1,42 @@
+"""What a release needs: one version everywhere, and workflows that outsiders cannot change."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from commands import casswarm
+
+import casswarm as csw
+
+ROOT = Path(__file__).resolve().parents[1]
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+PINNED = re.compile(r"uses: [\w./-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+")
+
+
+def test_version_is_the_same_everywhere(tmp_path: Path) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    version = project["version"]
+    citation = (ROOT / "CITATION.cff").read_text("utf-8")
+    changelog = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    assert csw.__version__ == version
+    assert casswarm(tmp_path, "--version").stdout == f"casswarm, version {version}\n"
+    assert f"\nversion: {version}\n" in citation
+    released = re.search(r"\ndate-released: (.+)\n", citation)
+    assert released
+    headings = re.findall(r"^## \[(.+?)\](?: - (.+))?$", changelog, re.MULTILINE)
+    assert headings[:2] == [("Unreleased", ""), (version, released[1])]
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
+def test_workflows_are_pinned_and_have_few_permissions(path: Path) -> None:
+    text = path.read_text("utf-8")
+    used = [line.strip(" -") for line in text.splitlines() if "uses:" in line]
+    assert used
+    assert all(PINNED.fullmatch(line) for line in used), used
+    head = text.split("\njobs:")[0]
+    assert "permissions: {}" in head or "permissions:\n  contents: read\n" in head
+    assert "write-all" not in text
+    assert "secrets." not in text
