@@ -51,12 +51,14 @@ and a guide. To add a row to this page, give the policy a name in `benchmarks/le
 - **Success**: proven bounds at most {wide} apart, or (~) an interval with 95 % confidence, for
   which the probable states are enumerated and the rest is sampled by {runs} runs.
 - **Bound**: no policy exceeds it (`success_bound`, rounded up).
+- **Regret**: (bound - success) / bound, with the lower end of the success: the score. It is never
+  below 0, and its least value is not known where the bound is not reached.
 - **Time**: CPU seconds until the policy is ready, guide, plan and training included, measured
   beside other work.
 - **Command**: prints the row again. `python benchmarks/leaderboard.py` makes all rows,
   [leaderboard.csv](../results/leaderboard/leaderboard.csv), and this page.
 """
-COLUMNS = ("policy", "success", "bound", "time, s", "command")
+COLUMNS = ("policy", "success", "bound", "regret", "time, s", "command")
 
 
 def make_policy(name: str, scenario: Scenario, guide: Guide) -> Any:
@@ -124,6 +126,7 @@ def markdown_row(row: dict[str, Any]) -> str:
         row["policy"],
         success if row["exact"] else f"~ {success}",
         f"{row['bound']:.4f}",
+        f"{1.0 - row['success_low'] / row['bound']:.3f}",
         f"{row['seconds']:.1f}",
         f"`{command(row)}`",
     )

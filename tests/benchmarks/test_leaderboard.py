@@ -46,6 +46,13 @@ def test_no_row_exceeds_its_bound(table):
     assert ((exact["success_high"] - exact["success_low"]) <= 0.01 + 2e-6).all()
 
 
+def test_regret_is_relative_to_the_bound(leaderboard):
+    row = {"scenario": "alley", "policy": "joint", "success_low": 0.6, "success_high": 0.61}
+    row |= {"exact": True, "bound": 0.8, "seconds": 1.0}
+    cells = leaderboard.markdown_row(row).split(" | ")
+    assert float(cells[leaderboard.COLUMNS.index("regret")]) == 0.25
+
+
 def test_trained_policies_are_above_leader(table):
     rows = table.set_index(["scenario", "policy"])
     for name in ("alley", "barricade"):
