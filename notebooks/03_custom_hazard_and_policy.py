@@ -96,7 +96,7 @@ guide_map(scenario, guide, guide.best_per_homotopy_class())
 # at every step. *Naive* members ignore each other.
 
 # %%
-study = csw.simulate(scenario, ["naive", "constrained", "leader"], runs=300, guide=guide)
+study = csw.simulate(scenario, ["naive", "constrained", "leader"], runs=100, guide=guide)
 shown = ["policy", "success", "success_low", "success_high", "infeasible"]
 study.summary[shown]
 
@@ -148,7 +148,7 @@ def split(step, positions, previous_velocities, alive):
     return np.concatenate(velocities, axis=1)
 
 
-custom = csw.simulate(scenario, ["leader", "naive", together, split], runs=300, guide=guide)
+custom = csw.simulate(scenario, ["leader", "naive", together, split], runs=100, guide=guide)
 success_chart(custom.summary, scenario.name)
 
 # %% [markdown]
