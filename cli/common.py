@@ -14,6 +14,7 @@ import click
 import casswarm as csw
 
 from .._util.documents import json_text
+from .._util.files import atomic_write
 from .._util.parts import Part, PartFolder, PartSaved
 from .._util.text import printable
 from .._util.user_code import USER_ERRORS, failure_text, module_file
@@ -173,7 +174,7 @@ class Work:
         """Write what `casswarm merge` needs, and say so."""
         arguments = click.get_current_context().meta[ARGUMENTS]
         words = {"part": part.number, "parts": part.parts, "arguments": _without_part(arguments)}
-        self.folder.write_file(PART_FILE, json_text(words))
+        atomic_write(self.folder.path / PART_FILE, json_text(words))
         text = f"{part} is saved in {self.folder.path}; casswarm merge joins all parts"
         click.echo(json_text(words) if self._output.as_json else printable(text))
 

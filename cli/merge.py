@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from .._util.files import DAMAGED, read_json
+from .._util.parts import MAX_PARTS
 from .._util.text import shortened
 from .common import PART_FILE, Failure, WrongInput, reported_errors
 from .options import FOLDER, argument, option, options
@@ -125,7 +126,7 @@ def _is_record(record: Any) -> bool:
     part, parts, arguments = (record.get(key) for key in ("part", "parts", "arguments"))
     return (
         type(part) is type(parts) is int
-        and 1 <= part <= parts
+        and 1 <= part <= parts <= MAX_PARTS
         and isinstance(arguments, list)
         and all(isinstance(word, str) for word in arguments)
         and arguments[:1] in [[name] for name in COMMANDS]

@@ -26,7 +26,7 @@ from click.shell_completion import CompletionItem
 import casswarm as csw
 
 from .._util.numbers import MAX_SEED
-from .._util.parts import Part
+from .._util.parts import MAX_PARTS, Part
 
 
 def complete_scenario(_: Context, __: Parameter, incomplete: str) -> list[CompletionItem]:
@@ -106,9 +106,10 @@ class PartText(click.types.StringParamType):
     def convert(self, value: Any, param: Parameter | None, ctx: Context | None) -> Any:
         """The part."""
         number, slash, count = str(value).partition("/")
-        digits = slash and number.isdecimal() and count.isdecimal() and len(value) < 20
-        if not digits or not 1 <= int(number) <= int(count):
-            self.fail(f"{value!r} is not of the form k/K, such as 3/64", param, ctx)
+        digits = slash and number.isdecimal() and count.isdecimal() and len(str(value)) < 20
+        if not digits or not 1 <= int(number) <= int(count) <= MAX_PARTS:
+            limit = f"with K up to {MAX_PARTS}"
+            self.fail(f"{value!r} is not of the form k/K, such as 3/64, {limit}", param, ctx)
         return Part(int(number), int(count))
 
 

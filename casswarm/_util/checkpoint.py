@@ -194,7 +194,9 @@ class Checkpoint:
 
     def save(self, name: str, record: Mapping[str, NDArray[Any]]) -> None:
         """Write a record of arrays under a name that can be that of a file."""
-        data = arrays_content(record)
+        self._write(name, arrays_content(record))
+
+    def _write(self, name: str, data: bytes) -> None:
         atomic_write(self._records / f"{name}.npz", self._header + _digest(name, data) + data)
 
     def load(self, name: str) -> dict[str, NDArray[Any]] | None:
@@ -236,9 +238,7 @@ class Checkpoint:
         for name in other.names():
             data = _arrays_of(other._records / f"{name}.npz", self._header)
             if data is not None and self.load(name) is None:
-                atomic_write(
-                    self._records / f"{name}.npz", self._header + _digest(name, data) + data
-                )
+                self._write(name, data)
 
     def finish(self) -> None:
         """Mark the study as finished: it may then be replaced without being asked for it."""

@@ -9,6 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+MAX_PARTS = 100_000
+"""Largest number of parts of a study."""
+
 
 class Part(NamedTuple):
     """Part `number` of `parts` of a study, by default all of it."""

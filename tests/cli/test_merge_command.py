@@ -67,13 +67,14 @@ def test_part_says_what_it_is(tmp_path: Path) -> None:
     assert written == {"part": 2, "parts": 3, "arguments": list(command)}
     done = casswarm(tmp_path, *command, "--part=2/3", "--out=two", "--resume", "--json")
     assert json.loads(done.stdout) == {**written, "arguments": [*command, "--json"]}
+    assert {path.name for path in (tmp_path / "two").iterdir()} == {"checkpoint", "part.json"}
 
 
 def test_refusals_name_what_helps(tmp_path: Path) -> None:
     command = (*SIMULATION, "--runs", "4")
     message = "--part: give every part a folder of its own, with --out"
     assert message in casswarm(tmp_path, *command, "--part", "1/2", code=2).stderr
-    for wrong in ("3/2", "0/2", "1", "a/b"):
+    for wrong in ("3/2", "0/2", "1", "a/b", "1/1000000000"):
         done = casswarm(tmp_path, *command, "--part", wrong, "--out", "x", code=2)
         assert "is not of the form k/K, such as 3/64" in done.stderr
     casswarm(tmp_path, *command, "--part", "2/3", "--out", "two")
