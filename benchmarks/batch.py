@@ -180,7 +180,6 @@ def jax(task: FormationTask, n_starts: int) -> Callable[[], np.ndarray]:
         "weights": ordered(weights),
         "dt": p[:, 6 * n + 2],
         "sets": ordered(instances.feasible_set.packed),
-        "unit": units[:, 0],
         "metric": units[:, 0] ** 2 / units[:, 1],
     }
     lanes = {key: np.moveaxis(array, 0, -1).copy() for key, array in data.items()}

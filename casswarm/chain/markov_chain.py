@@ -19,12 +19,9 @@ from .._util.files import atomic_write
 from .._util.text import counted
 from ..typing import BoolArray, FloatArray, IntArray, Interval
 from .exact import Layer, StateSpaceExpansion
-from .transition import Transition
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-_ENDS = ("arrived", "late", "lost", "left_out")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,15 +171,12 @@ class _Ends:
     @property
     def labels(self) -> dict[str, BoolArray]:
         """Labels of all states."""
-        n, end = self.n, np.zeros((len(_ENDS) + self.n + 1, self.first + self.number), bool)
-        names = [*_ENDS, *(f"survivors_{k}" for k in range(n + 1))]
-        end[0, self.first : self.first + n] = True
-        end[1, self.first + n : self.first + 2 * n] = True
-        end[2, self.first + 2 * n] = end[4, self.first + 2 * n] = True
-        end[3, self.first + 2 * n + 1] = True
-        for k in range(1, n + 1):
-            end[4 + k, [self.first + k - 1, self.first + n + k - 1]] = True
-        return dict(zip(names, end, strict=True))
+        n, swarm = self.n, np.zeros(self.first, bool)
+        kinds = np.array(["arrived"] * n + ["late"] * n + ["lost", "left_out"])
+        survivors = np.array([*range(1, n + 1), *range(1, n + 1), 0, -1])
+        ends = {name: kinds == name for name in dict.fromkeys(kinds.tolist())}
+        ends |= {f"survivors_{k}": survivors == k for k in range(n + 1)}
+        return {name: np.append(swarm, end) for name, end in ends.items()}
 
     def remain(self) -> Entries:
         """Transitions from every end to itself."""
@@ -211,8 +205,7 @@ def survivors_after(layer: Layer) -> tuple[FloatArray, FloatArray]:
 
     The joint distribution of the numbers of survivors and of those in the target, member by member.
     """
-    move: Transition = layer.move
-    enough = move.arrivals
+    inside_target, enough = layer.move.inside, layer.move.arrivals
     size, n = layer.step.alive.shape
     joint = np.zeros((size, enough + 1, n + 1))  # in the target, `enough` or more in the last row
     joint[:, 0, 0] = 1.0
@@ -223,6 +216,6 @@ def survivors_after(layer: Layer) -> tuple[FloatArray, FloatArray]:
         inside = np.zeros_like(joint)
         inside[:, 1:] = one_more[:, :-1]
         inside[:, -1] += one_more[:, -1]
-        survives = np.where(move.inside[:, i, None, None], inside, one_more)
+        survives = np.where(inside_target[:, i, None, None], inside, one_more)
         joint = (1.0 - p) * joint + p * survives
     return joint[:, -1], joint[:, :-1].sum(axis=1)

@@ -135,9 +135,7 @@ def evaluate(
     tolerance, max_states, aggregation_tol, progress = values
     options = _options(scenario, tolerance, max_states)
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
-    expansions, posed = _expansions(inputs, options, aggregation_tol)
-    for expansion in expansions:
-        expansion.expand(posed.progress)
+    expansions, _ = _expanded(inputs, options, aggregation_tol)
     laws = [expansion.distribution() for expansion in expansions]
     return OutcomeDistribution.of_cases(_weighted(scenario, laws))
 
@@ -202,9 +200,7 @@ def estimate(
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
-    expansions, posed = _expansions(inputs, options, aggregation_tol)
-    for expansion in expansions:
-        expansion.expand(posed.progress)
+    expansions, posed = _expanded(inputs, options, aggregation_tol)
     chain = Chain(scenario, posed.velocities, seed, lattice=expansions[0].options.lattice)
     sampled = [sample_residual(expansion, chain, runs, inputs[-1]) for expansion in expansions]
     return Estimate.of_cases(_weighted(scenario, sampled))
@@ -299,6 +295,16 @@ def _require_few(scenario: Scenario, what: str, advice: str) -> None:
             members=scenario.n,
             max_members=MAX_MEMBERS,
         )
+
+
+def _expanded(
+    inputs: tuple[Any, ...], options: ExpansionOptions, aggregation_tol: float | None
+) -> tuple[list[StateSpaceExpansion], PosedStudy]:
+    """The same as `_expansions`, expanded to the tolerance."""
+    expansions, posed = _expansions(inputs, options, aggregation_tol)
+    for expansion in expansions:
+        expansion.expand(posed.progress)
+    return expansions, posed
 
 
 def _expansions(
