@@ -156,7 +156,7 @@ def jax(task: FormationTask, n_starts: int) -> Callable[[], np.ndarray]:
     """All states at once by the same algorithm in JAX, from the first of the same starts."""
     from jax_program import batch_program
 
-    from casswarm.formation.search_kernels import START_SPREAD
+    from casswarm.formation.multistart_kernels import START_SPREAD
     from casswarm.formation.spectral_kernels import Starts
 
     hazard, instances = task.step.hazard, task.formation().instances

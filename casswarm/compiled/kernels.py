@@ -14,7 +14,7 @@ import logging
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property, lru_cache, update_wrapper
 from importlib.util import find_spec
 from inspect import getsource
@@ -137,12 +137,27 @@ def specialised(definitions: str, *kernels: Callable[..., Any], reordering: bool
     """Source text of a module: definitions of functions, and kernels that call them by name.
 
     Each kernel is thus written once, with functions that stand for these, and compiled for any
-    definitions of them; with `reordering`, the sums in its loops may be taken in any order.
+    definitions of them; with `reordering`, the sums in its loops may be taken in any order. Whole
+    numbers of the kernels' modules keep their values, unless the definitions have others.
     """
-    copies = "\n\n".join(map(getsource, kernels))
+    numbers = [
+        f"{name} = {value}"
+        for name, value in sorted(_whole_numbers(kernels).items())
+        if f"\n{name} = " not in definitions
+    ]
+    copies = "\n\n".join(["\n".join(numbers), *map(getsource, kernels)])
     if reordering:
         copies = copies.replace("@kernel", "@reordering_kernel")
     return f"{definitions}\n\n{copies}"
+
+
+def _whole_numbers(kernels: Iterable[Any]) -> dict[str, int]:
+    """Global whole numbers that the kernels name."""
+    functions = [each.py_func for each in kernels]
+    named = [
+        (name, each.__globals__.get(name)) for each in functions for name in each.__code__.co_names
+    ]
+    return {name: value for name, value in named if isinstance(value, int)}
 
 
 def stand_in(*_: Any) -> Any:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from ..compiled.kernels import kernel
 from ..motion.planar_kernels import DISCS, nearest
 from ..typing import FloatArray, IntArray
-from .spectral_kernels import LARGE_SWARM, invert_blocks, precondition, write_identity
+from .spectral_kernels import LARGE_SWARM, SUFFICIENT, invert_blocks, precondition, write_identity
 
 ACTIVE = 1e-10  # a boundary nearer than this is active, in units of x
 FIXED = 1e-9  # a member whose projected gradient is shorter is fixed, in units of x
@@ -123,7 +123,6 @@ FORCING = 1e-3  # residual at which the conjugate gradients stop, relative to th
 MAX_ITERATIONS = 30  # of the conjugate gradients
 MAX_STEP = 0.1  # the longest step, or of large swarms that of a member, in units of x
 TRIALS = 4  # of a step's length
-SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the slope predicts
 
 GRADIENT, DIRECTION, TRIAL, TRIAL_GRADIENT, STEP, RESIDUAL, CONJUGATE, PRODUCT = range(8)
 """Rows of `Workspace.vectors`."""

@@ -14,6 +14,8 @@ from ..hazard.compiled_rates import rate_module
 from ..nlp.program import Nlp
 from ..problems.formation import formation_nlp
 from ..typing import FloatArray
+from .lane_objective_kernels import LANE_KERNELS
+from .multistart_kernels import Objective
 from .objective_kernels import FEW, MANY
 from .spectral_kernels import LARGE_SWARM
 
@@ -39,23 +41,38 @@ class CompiledObjective:
         every member, which precondition Newton steps.
     starts : int
         Number of initial guesses that its problems are worth: see `StartCount`.
+    lanes : str
+        Text of a module whose ``evaluate_lanes`` evaluates several states at a time (see
+        `casswarm.formation.lane_objective_kernels`); empty if there is none, or no need.
     """
 
     source: str
     constants: FloatArray
     large: bool
     starts: int = 1
+    lanes: str = ""
 
     @property
     def evaluate(self) -> Any:
         """The compiled function, to be passed to kernels."""
         return _evaluate(self.source, self.large)
 
+    @property
+    def kernels(self) -> Objective:
+        """The compiled functions and constants."""
+        lanes = _evaluate_lanes(self.lanes) if self.lanes else self.evaluate
+        return Objective(self.evaluate, lanes, bool(self.lanes), self.constants)
+
 
 @locked_cache(maxsize=64)
 def _evaluate(source: str, large: bool) -> Any:
     module = generated_module(source)
     return objective(module.evaluate_many if large else module.evaluate_few)
+
+
+@locked_cache(maxsize=64)
+def _evaluate_lanes(source: str) -> Any:
+    return objective(generated_module(source).evaluate_lanes)
 
 
 @dataclass(frozen=True)
@@ -89,9 +106,9 @@ def formation_program(
 ) -> Nlp:
     """The program of `formation_nlp` with what the batch solvers read."""
     nlp = formation_nlp(hazard, n, corridor, horizon, later, disc)
-    compiled = formation_objective(hazard, n)
+    compiled = formation_objective(hazard, n, corridor)
     if compiled is not None and later:
-        each = [formation_objective(other, n) for other in later]
+        each = [formation_objective(other, n, corridor) for other in later]
         constants = np.stack([compiled.constants, *(one.constants for one in each if one)])
         compiled = replace(compiled, constants=constants)
     if compiled is not None:
@@ -106,11 +123,17 @@ def starts_for(hazard: Hazard) -> int:
 
 
 @locked_cache(maxsize=MANY_HAZARDS)
-def formation_objective(hazard: Hazard, n: int) -> CompiledObjective | None:
+def formation_objective(hazard: Hazard, n: int, corridor: bool) -> CompiledObjective | None:
     """The compiled objective; its constants are the hazard's parameters, then its radars.
 
     None for hazards that are not made of kernels, or of such as have no counterpart in Python.
+    Leader protection has a closed form where members gather, and no need for lanes.
     """
     large = n >= LARGE_SWARM
     found = rate_module(hazard, *(MANY if large else FEW), reordering=large)
-    return None if found is None else CompiledObjective(*found, large, starts_for(hazard))
+    if found is None:
+        return None
+    assert isinstance(hazard, KernelHazard)
+    closed = hazard.gathers and not corridor
+    lanes = None if large or closed else rate_module(hazard, *LANE_KERNELS)
+    return CompiledObjective(*found, large, starts_for(hazard), lanes[0] if lanes else "")

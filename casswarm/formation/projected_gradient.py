@@ -34,8 +34,9 @@ from ..solvers.base import (
     Solver,
 )
 from ..typing import BoolArray, FloatArray
+from .multistart_kernels import Batch, minimise_batch
 from .objective import CompiledObjective, start_count
-from .search_kernels import Batch, Method, minimise_batch
+from .search_kernels import Method
 from .spectral_kernels import (
     CONVERGED,
     EXHAUSTED,
@@ -210,12 +211,11 @@ def _compiled_run(
     data = Batch(
         x0=contiguous(x0),
         p=contiguous(instances.p),
-        constants=compiled.constants,
         scale=contiguous(instances.scale),
         sets=instances.feasible_set.packed,
     )
     results = Results.empty(x0.shape)
-    arguments = compiled.evaluate, data, method, results
+    arguments = compiled.kernels, data, method, results
     seconds = execute(minimise_batch, len(x0), arguments, per_thread)
     return BatchRun(results, seconds, instances)
 

@@ -1,4 +1,4 @@
-"""Projected gradient methods, state by state and over batches of states.
+"""Projected gradient methods, state by state.
 
 The nonmonotone spectral one, as `SpectralProjectedGradient` describes it, identifies the face of
 the set that the minimum lies on, and Newton steps on that face speed up its end. Every member has a
@@ -9,7 +9,7 @@ curvatures differ by orders of magnitude. At the end, the paper's method with a 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from ..typing import FloatArray, IntArray
 from .face_kernels import (
     DIRECTION,
     GRADIENT,
-    STEP,
     TRIAL,
     TRIAL_GRADIENT,
     Problem,
@@ -34,20 +33,14 @@ from .spectral_kernels import (
     CONVERGED,
     EXHAUSTED,
     LARGE_SWARM,
+    LONGEST,
+    MEMORY,
     NOT_FINITE,
+    SHORTEST,
     STALLED,
-    Results,
-    Starts,
-    count_hits,
-    empty_starts,
-    needs_start,
-    orient,
-    write_start,
+    SUFFICIENT,
 )
 
-MEMORY = 10  # objective values that the nonmonotone search looks back on
-SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the gradient predicts
-SHORTEST, LONGEST = 1e-10, 1e10  # spectral step sizes
 SPREAD = 100.0  # largest ratio of a member's step size to that of all
 PATIENCE = 4  # spectral steps before a Newton step; doubled when one is refused
 TRIALS = 60  # of a spectral step's length
@@ -123,12 +116,12 @@ def spectral_steps(
     for c in range(displacement.size):
         squares += displacement[c] * displacement[c]
         curvatures += displacement[c] * change[c]
-    common = squares / curvatures if curvatures > 0.0 else LONGEST * metric
+    common = squares / abs(curvatures) if curvatures != 0.0 else LONGEST * metric
     common = clip(common, SHORTEST * metric, LONGEST * metric)
     for i in range(step_sizes.size):
         sx, sy = displacement[2 * i], displacement[2 * i + 1]
         square, curvature = sx * sx + sy * sy, sx * change[2 * i] + sy * change[2 * i + 1]
-        own = square / curvature if curvature > 0.0 else common
+        own = square / abs(curvature) if curvature != 0.0 else common
         step_sizes[i] = clip(own, common / SPREAD, common * SPREAD)
 
 
@@ -246,20 +239,6 @@ def workspace(members: int) -> Workspace:
     )
 
 
-COARSE = 1e-3  # tolerance to which starts are compared
-START_SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc
-
-
-class Batch(NamedTuple):
-    """B problems: initial guesses x0 (B, 2n), p (B, np), scale (B, 2), sets (B, n, 13)."""
-
-    x0: FloatArray
-    p: FloatArray
-    constants: FloatArray
-    scale: FloatArray
-    sets: FloatArray
-
-
 class Method(NamedTuple):
     """Options of `SpectralProjectedGradient`, with the displacements of starts (`Starts`).
 
@@ -271,69 +250,6 @@ class Method(NamedTuple):
     tolerance: float
     max_iter: int
     step: float = 0.0
-
-
-class Scratch(NamedTuple):
-    """Arrays that the solve of a state overwrites; `x` and `best` (2n,) are points."""
-
-    work: Workspace
-    starts: Starts
-    x: FloatArray
-    best: FloatArray
-
-
-@allocating_kernel
-def scratch_for(members: int, method: Method) -> Scratch:
-    """Arrays for states of so many members."""
-    starts = empty_starts(method.initial, method.directions, 1)
-    return Scratch(workspace(members), starts, np.empty(2 * members), np.empty(2 * members))
-
-
-@kernel
-def place_starts(guess: FloatArray, problem: Problem, scratch: Scratch) -> None:
-    """Write where the starts of a state lie: around its guess, by the size of the sets."""
-    sets, starts, places = problem.sets, scratch.starts, scratch.work.vectors[STEP]
-    for i in range(sets.shape[0]):
-        radius = min(sets[i, 6], sets[i, 9])
-        starts.spread[0, i] = START_SPREAD * radius if radius < math.inf else 0.0
-        places[2 * i], places[2 * i + 1] = sets[i, 4] + sets[i, 7], sets[i, 5] + sets[i, 8]
-    orient(guess, places, starts, 0)
-
-
-@kernel
-def solve(
-    guess: FloatArray,
-    problem: Problem,
-    method: Method,
-    scratch: Scratch,
-    verified: FloatArray,
-    counts: IntArray,
-) -> int:
-    """Solve a state from its guess; write its residuals, return the outcome.
-
-    The guess's projection in `scratch.best` is replaced by the solution. From every start the state
-    is solved coarsely, and from the best of the ends to tolerance.
-    """
-    work, starts, x, best = scratch
-    if starts.initial > 1:
-        place_starts(guess, problem, scratch)
-    elif verify(best, problem, work, verified) <= method.tolerance:  # a solution in closed form
-        counts[1] += 1
-        return CONVERGED
-    least, hits, solved = math.inf, 0, 0
-    while needs_start(solved, hits, starts):
-        write_start(solved, guess, starts, 0, x)
-        project(x, problem.sets, x)
-        f, outcome = minimise(x, problem, COARSE, method.max_iter, work, counts)
-        if outcome != NOT_FINITE:
-            hits = count_hits(f, least, hits)
-            if f < least:
-                least = f
-                copy(x, best)
-        solved += 1
-    _f, outcome = minimise(best, problem, method.tolerance, method.max_iter, work, counts)
-    verify(best, problem, work, verified)
-    return outcome
 
 
 @kernel
@@ -363,24 +279,3 @@ def descend(
         if moved <= method.tolerance * method.step:
             return CONVERGED
     return EXHAUSTED
-
-
-@allocating_kernel
-def minimise_batch(
-    rows: tuple[int, int], evaluate: Any, batch: Batch, method: Method, results: Results
-) -> None:
-    """Solve the states ``rows[0]`` to ``rows[1] - 1`` and verify the answers."""
-    members = batch.sets.shape[1]
-    scratch, numbers = scratch_for(members, method), np.empty(members * (members + 8))
-    for row in range(rows[0], rows[1]):
-        problem = Problem(
-            evaluate, batch.p[row], batch.constants, batch.sets[row], batch.scale[row], numbers
-        )
-        project(batch.x0[row], problem.sets, scratch.best)
-        verified, counts = results.verified[row], results.counts[row]
-        if method.step > 0.0:
-            results.outcome[row] = descend(scratch.best, problem, method, scratch.work, counts)
-            verify(scratch.best, problem, scratch.work, verified)
-        else:
-            results.outcome[row] = solve(batch.x0[row], problem, method, scratch, verified, counts)
-        copy(scratch.best, results.x[row])

@@ -27,6 +27,10 @@ LARGE_SWARM = 16
 """Members from which on compiled solvers use the diagonal blocks of an objective's Hessian."""
 
 
+MEMORY = 10  # objective values that the nonmonotone search looks back on
+SUFFICIENT = 1e-4  # sufficient decrease, as a fraction of what the gradient predicts
+SHORTEST, LONGEST = 1e-10, 1e10  # spectral step sizes, in units of x and f
+
 CONVERGED, EXHAUSTED, STALLED, NOT_FINITE, NO_INTERIOR = range(5)
 
 

@@ -24,8 +24,17 @@ from ..motion.planar_kernels import (
     projected,
 )
 from ..typing import BoolArray, FloatArray, IntArray
-from .face_kernels import Problem, copy
-from .search_kernels import Method, scratch_for, solve
+from .face_kernels import copy
+from .multistart_kernels import (
+    Batch,
+    Objective,
+    Scratch,
+    chunk_size,
+    scratch_for,
+    solve_chunk,
+)
+from .search_kernels import Method
+from .spectral_kernels import Results
 
 
 @kernel
@@ -272,11 +281,43 @@ def write_velocities(x: FloatArray, sets: FloatArray, velocities: FloatArray) ->
     return complete
 
 
+@kernel
+def pose(
+    objective: Objective,
+    states: States,
+    row: int,
+    terms: Terms,
+    problems: StateProblem,
+    place: int,
+    scale: FloatArray,
+    scratch: Scratch,
+) -> bool:
+    """Write the problem of a state and its scale at a place; return whether it has them."""
+    out = StateProblem(
+        problems.p[place],
+        problems.guess[place],
+        problems.sets[place],
+        problems.free[place],
+        problems.infeasible[place],
+    )
+    if not state_problem(states, row, terms, out):
+        return False
+    rate = isolated_rate(
+        objective.evaluate,
+        out.p,
+        states.alive[row],
+        objective.constants,
+        scratch.work.vectors[:2],
+        scratch.numbers,
+    )
+    scale[place, 0], scale[place, 1] = terms.v_max, rate if rate > 0.0 else 1.0
+    return rate >= 0.0 and rate < math.inf
+
+
 @allocating_kernel
 def decide_states(
     rows: tuple[int, int],
-    evaluate: Any,
-    constants: FloatArray,
+    objective: Objective,
     states: States,
     terms: Terms,
     method: Method,
@@ -284,33 +325,42 @@ def decide_states(
     results: StepResults,
 ) -> None:
     """Decide in the states ``rows[0]`` to ``rows[1] - 1``."""
-    n = states.alive.shape[1]
-    scratch, counts = scratch_for(n, method), np.zeros(2, np.int64)
-    own = StateProblem(
-        np.empty(6 * n + 4),
-        np.empty(2 * n),
-        np.empty((n, WIDTH)),
-        np.empty(n, np.bool_),
-        np.empty(n, np.bool_),
+    n, chunk = states.alive.shape[1], chunk_size(objective, method)
+    size = min(chunk, rows[1] - rows[0])
+    scratch = scratch_for(n, size, objective.in_lanes, method)
+    problems = StateProblem(
+        np.empty((size, 6 * n + 4)),
+        np.empty((size, 2 * n)),
+        np.empty((size, n, WIDTH)),
+        np.empty((size, n), np.bool_),
+        np.empty((size, n), np.bool_),
     )
-    scale, vectors, numbers = np.empty(2), np.empty((2, 2 * n)), np.empty(n * (n + 8))
-    problem = Problem(evaluate, own.p, constants, own.sets, scale, numbers)
-    for row in range(rows[0], rows[1]):
-        verified = results.verified[row]
-        results.accepted[row] = False
-        if not state_problem(states, row, terms, own):
-            continue
-        rate = isolated_rate(evaluate, own.p, states.alive[row], constants, vectors, numbers)
-        if not 0.0 <= rate < math.inf:
-            continue
-        scale[0], scale[1] = terms.v_max, rate if rate > 0.0 else 1.0
-        infeasible = 0
-        for i in range(n):
-            infeasible += own.infeasible[i]
-        copy(own.guess, scratch.best)
-        solve(own.guess, problem, method, scratch, verified, counts)
-        results.infeasible[row] = infeasible
-        if verified[1] <= limits.violation and verified[2] <= limits.stationarity:
-            results.accepted[row] = write_velocities(
-                scratch.best, own.sets, results.velocities[row]
-            )
+    scale, owner = np.empty((size, 2)), np.empty(size, np.int64)
+    solved = Results(
+        np.empty((size, 2 * n)),
+        np.empty((size, 3)),
+        np.empty(size, np.int64),
+        np.zeros((size, 2), np.int64),
+    )
+    for first in range(rows[0], rows[1], chunk):
+        posed = 0
+        for row in range(first, min(first + chunk, rows[1])):
+            results.accepted[row] = False
+            if pose(objective, states, row, terms, problems, posed, scale, scratch):
+                owner[posed] = row
+                copy(problems.guess[posed], solved.x[posed])
+                posed += 1
+        batch = Batch(
+            problems.guess[:posed], problems.p[:posed], scale[:posed], problems.sets[:posed]
+        )
+        solve_chunk(objective, batch, method, scratch, solved)
+        for place in range(posed):
+            row, verified = owner[place], results.verified[owner[place]]
+            copy(solved.verified[place], verified)
+            results.infeasible[row] = 0
+            for i in range(n):
+                results.infeasible[row] += problems.infeasible[place, i]
+            if verified[1] <= limits.violation and verified[2] <= limits.stationarity:
+                results.accepted[row] = write_velocities(
+                    solved.x[place], problems.sets[place], results.velocities[row]
+                )

@@ -49,6 +49,15 @@ def regular(squared_distance: Expr, core_radius: Expr = CORE_RADIUS) -> Expr:
     return squared_distance + missing**2 / (2 * core)
 
 
+def whole_power(base: Expr, exponent: int) -> Expr:
+    """Power with a whole exponent from 1 on, as products: cheaper than an exponential."""
+    power = base
+    for digit in f"{exponent:b}"[1:]:
+        power = power * power
+        power = power * base if digit == "1" else power
+    return power
+
+
 class Members(NamedTuple):
     """Factors of the members of a swarm, where they differ, (n,) each."""
 
@@ -176,6 +185,11 @@ class KernelHazard(Hazard):
     def gathers(self) -> bool:
         """True if a member's rate increases with every distance to another."""
         return False
+
+    @property
+    def structural(self) -> tuple[str, ...]:
+        """Names of numbers that decide how kernels are written: no parameters of compiled code."""
+        return ()
 
     @property
     def radar_strengths(self) -> FloatArray:

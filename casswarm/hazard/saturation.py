@@ -10,7 +10,7 @@ import numpy as np
 from .._util.threads import locked_cache
 from ..typing import Expr, FloatArray
 from .codegen import lowered_kernels
-from .kernel_hazard import KernelHazard, regular, require_finite
+from .kernel_hazard import KernelHazard, regular, require_finite, whole_power
 from .rate_bounds import (
     LeastRate,
     LeastRateLines,
@@ -21,6 +21,8 @@ from .rate_bounds import (
     saturation_least_rates,
 )
 from .zones import zone_rates_below
+
+_MOST_FACTORS = 8  # of collision rates that are products
 
 
 @dataclass(frozen=True)
@@ -158,11 +160,20 @@ class SaturationCollision(Saturation):
         """False: members collide, so that a rate falls with distance where they are close."""
         return False
 
+    @property
+    def structural(self) -> tuple[str, ...]:
+        """beta_2, where the collision rate is a product."""
+        return ("beta_2",) if 0.5 * self.beta_2 in range(1, _MOST_FACTORS + 1) else ()
+
     def collision(self, squared_distance: Expr) -> Expr:
-        """(beta_1 / r)^beta_2, of squared distances; as an exponential, whose slope is cheap."""
-        return ca.exp(
-            0.5 * self.beta_2 * ca.log(self.beta_1**2 / regular(squared_distance, self.core_radius))
-        )
+        """(beta_1 / r)^beta_2 of squared distances: a product for even beta_2, or an exponential.
+
+        Both have slopes that are cheap.
+        """
+        ratio, exponent = self.beta_1**2 / regular(squared_distance, self.core_radius), self.beta_2
+        if not isinstance(exponent, ca.SX) and self.structural:
+            return whole_power(ratio, int(0.5 * exponent))
+        return ca.exp(0.5 * exponent * ca.log(ratio))
 
 
 @locked_cache(maxsize=64)

@@ -193,7 +193,7 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     solve to tolerance, and all states for other solvers, are solved as `applied_decision` does.
     """
     batch, n = task.step.alive.shape
-    compiled = formation_objective(task.step.hazard, n)
+    compiled = formation_objective(task.step.hazard, n, task.rho is not None)
     if compiled is None or not _is_default(solver):
         return applied_decision(task.step, task.formation(), solver)
     results = StepResults(
@@ -205,8 +205,7 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
     starts = compiled.starts
     method = solver.batch.method(starts, n)
-    problems = compiled.evaluate, compiled.constants, task.states, task.terms
-    arguments = *problems, method, limits, results
+    arguments = compiled.kernels, task.states, task.terms, method, limits, results
     execute(decide_states, batch, arguments, _PER_THREAD // starts)
     failures, fallbacks = np.zeros(batch, np.int64), np.zeros(batch, np.int64)
     if np.count_nonzero(results.accepted) < batch:

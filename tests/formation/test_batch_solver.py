@@ -20,8 +20,8 @@ from casswarm.formation import (
     formation_program,
     leader_formation,
 )
+from casswarm.formation.multistart_kernels import minimise_batch
 from casswarm.formation.objective import formation_objective
-from casswarm.formation.search_kernels import minimise_batch
 from casswarm.formation.spectral_kernels import LARGE_SWARM, invert_blocks, precondition
 from casswarm.motion import Step
 from casswarm.solvers import Ipopt
@@ -102,7 +102,7 @@ def called(evaluate):
 
 def test_hazards_of_one_class_share_compiled_code():
     other = csw.Saturation(((0.0, 1.0),), alpha_1=9.0, alpha_2=1.0, alpha_3=2.0)
-    first, second = (formation_objective(h, 5) for h in (PLAIN, other))
+    first, second = (formation_objective(h, 5, True) for h in (PLAIN, other))
     assert first.evaluate is second.evaluate
     assert not np.array_equal(first.constants, second.constants)
 

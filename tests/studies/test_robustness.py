@@ -14,7 +14,7 @@ import casswarm as csw
 from casswarm.errors import PlanningError
 from casswarm.formation import Auto, SpectralProjectedGradient
 from casswarm.formation.objective import formation_objective
-from casswarm.formation.search_kernels import CONVERGED
+from casswarm.formation.spectral_kernels import CONVERGED
 from casswarm.guide import plan_from
 from casswarm.hazard import KernelHazard
 from casswarm.nlp import Status
@@ -116,7 +116,8 @@ class Branching(KernelHazard):
 
 
 def test_kernels_with_branches_are_compiled_per_parameter():
-    sharp, blunt = (formation_objective(Branching(((1.0, 1.0),), sharp=s), 2) for s in (2.0, 0.5))
+    hazards = (Branching(((1.0, 1.0),), sharp=s) for s in (2.0, 0.5))
+    sharp, blunt = (formation_objective(hazard, 2, True) for hazard in hazards)
     assert sharp.source != blunt.source
 
 
