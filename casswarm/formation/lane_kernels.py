@@ -21,18 +21,25 @@ from ..typing import FloatArray, IntArray
 from .lane_objective_kernels import ALIVE, EAST, LANES, NORTH, PULL_EAST, PULL_NORTH, ROWS, WEIGHT
 from .spectral_kernels import LONGEST, MEMORY, SHORTEST, SUFFICIENT
 
-BOX, CORNERS, WITHIN, FROM, AT, SLOPE, WAY, TRIED = 0, 13, 17, 21, 23, 25, 27, 29
-"""Rows of a member's motion: set (see `planar_kernels`), crossings of its first two circles, how
-far a point may be from the discs' centres (squared) and from the box to be in them up to rounding,
-position, velocity, gradient, direction, and velocity of the trial."""
+SET_ROWS, MOTION_ROWS, NUMBER_ROWS = 13, 31, 14
 
-MOTION_ROWS = 31
+LEFT, LOW, RIGHT, HIGH, A_X, A_Y, A_R, B_X, B_Y, B_R, C_X, C_Y, C_R = range(
+    0, SET_ROWS * LANES, LANES
+)
+"""Where the rows of a member's set begin: its box and three discs, as in `planar_kernels`."""
 
-F, DESCENT, LENGTH, METRIC, UNIT, DT, TICKS, FRESH, ACCEPTED = range(9)
-SQUARES, CURVATURES, FARTHEST, REFERENCE, STEP = range(9, 14)
+U_X, U_Y, V_X, V_Y, IN_A, IN_B, IN_C, AT_BOX = range(C_R + LANES, 21 * LANES, LANES)
+"""Crossings of the first two circles; how far a point may be from the discs' centres, squared, and
+from the box, to be in them up to rounding."""
+
+FROM_X, FROM_Y, AT_X, AT_Y, G_X, G_Y, WAY_X, WAY_Y, TRIED_X, TRIED_Y = range(
+    AT_BOX + LANES, MOTION_ROWS * LANES, LANES
+)
+"""Position, velocity, gradient, direction, and velocity of the trial."""
+
+F, DESCENT, LENGTH, METRIC, UNIT, DT, TICKS, FRESH, ACCEPTED = range(0, 9 * LANES, LANES)
+SQUARES, CURVATURES, FARTHEST, REFERENCE, STEP = range(9 * LANES, NUMBER_ROWS * LANES, LANES)
 """Rows of the numbers of lanes."""
-
-NUMBER_ROWS = 14
 
 TINY = 1e-300  # a positive number, in place of zero
 
@@ -73,12 +80,12 @@ def take_trials(lanes: Lanes, active: int) -> None:
     for i in range(n):
         member, motion = lanes.members[i * ROWS * LANES :], lanes.motions[i * MOTION_ROWS * LANES :]
         for k in range(active):
-            length, dt = numbers[LENGTH * LANES + k], numbers[DT * LANES + k]
-            vx = motion[AT * LANES + k] + length * motion[WAY * LANES + k]
-            vy = motion[(AT + 1) * LANES + k] + length * motion[(WAY + 1) * LANES + k]
-            motion[TRIED * LANES + k], motion[(TRIED + 1) * LANES + k] = vx, vy
-            member[EAST + k] = motion[FROM * LANES + k] + dt * vx
-            member[NORTH + k] = motion[(FROM + 1) * LANES + k] + dt * vy
+            length, dt = numbers[LENGTH + k], numbers[DT + k]
+            vx = motion[AT_X + k] + length * motion[WAY_X + k]
+            vy = motion[AT_Y + k] + length * motion[WAY_Y + k]
+            motion[TRIED_X + k], motion[TRIED_Y + k] = vx, vy
+            member[EAST + k] = motion[FROM_X + k] + dt * vx
+            member[NORTH + k] = motion[FROM_Y + k] + dt * vy
 
 
 @kernel
@@ -89,25 +96,25 @@ def judge(lanes: Lanes, active: int, place: int) -> None:
     """
     numbers, values, history = lanes.numbers, lanes.values, lanes.history
     for k in range(active):
-        numbers[REFERENCE * LANES + k] = -math.inf
+        numbers[REFERENCE + k] = -math.inf
     for c in range(history.size // LANES):
         row = history[c * LANES :]
         for k in range(active):
-            numbers[REFERENCE * LANES + k] = max(numbers[REFERENCE * LANES + k], row[k])
+            numbers[REFERENCE + k] = max(numbers[REFERENCE + k], row[k])
     row = history[place * LANES :]
     for k in range(active):
-        f, slope = numbers[F * LANES + k], numbers[DESCENT * LANES + k]
-        reference, length = numbers[REFERENCE * LANES + k], numbers[LENGTH * LANES + k]
-        trial_f, fresh = values[k], numbers[FRESH * LANES + k] > 0.0
+        f, slope = numbers[F + k], numbers[DESCENT + k]
+        reference, length = numbers[REFERENCE + k], numbers[LENGTH + k]
+        trial_f, fresh = values[k], numbers[FRESH + k] > 0.0
         accepted = fresh or trial_f <= reference + SUFFICIENT * length * slope
         quadratic = -0.5 * length * length * slope / (trial_f - f - length * slope)
         within = 0.1 * length <= quadratic and quadratic <= 0.9 * length
         quadratic = quadratic if within else 0.5 * length
-        numbers[ACCEPTED * LANES + k] = 1.0 if accepted else 0.0
-        numbers[LENGTH * LANES + k] = 1.0 if accepted else quadratic
-        numbers[F * LANES + k] = trial_f if accepted else f
-        numbers[SQUARES * LANES + k], numbers[CURVATURES * LANES + k] = 0.0, 0.0
-        numbers[FARTHEST * LANES + k] = 0.0
+        numbers[ACCEPTED + k] = 1.0 if accepted else 0.0
+        numbers[LENGTH + k] = 1.0 if accepted else quadratic
+        numbers[F + k] = trial_f if accepted else f
+        numbers[SQUARES + k], numbers[CURVATURES + k] = 0.0, 0.0
+        numbers[FARTHEST + k] = 0.0
         row[k] = trial_f if accepted else row[k]
 
 
@@ -118,53 +125,51 @@ def take_steps(lanes: Lanes, active: int) -> None:
     for i in range(n):
         member, motion = lanes.members[i * ROWS * LANES :], lanes.motions[i * MOTION_ROWS * LANES :]
         for k in range(active):
-            accepted, dt = numbers[ACCEPTED * LANES + k] > 0.0, numbers[DT * LANES + k]
-            x, y = motion[AT * LANES + k], motion[(AT + 1) * LANES + k]
-            sx, sy = motion[TRIED * LANES + k] - x, motion[(TRIED + 1) * LANES + k] - y
-            gx, gy = motion[SLOPE * LANES + k], motion[(SLOPE + 1) * LANES + k]
+            accepted, dt = numbers[ACCEPTED + k] > 0.0, numbers[DT + k]
+            x, y = motion[AT_X + k], motion[AT_Y + k]
+            sx, sy = motion[TRIED_X + k] - x, motion[TRIED_Y + k] - y
+            gx, gy = motion[G_X + k], motion[G_Y + k]
             new_gx, new_gy = dt * member[PULL_EAST + k], dt * member[PULL_NORTH + k]
-            numbers[SQUARES * LANES + k] += sx * sx + sy * sy
-            numbers[CURVATURES * LANES + k] += sx * (new_gx - gx) + sy * (new_gy - gy)
+            numbers[SQUARES + k] += sx * sx + sy * sy
+            numbers[CURVATURES + k] += sx * (new_gx - gx) + sy * (new_gy - gy)
             gx, gy = new_gx if accepted else gx, new_gy if accepted else gy
-            numbers[FARTHEST * LANES + k] = max(numbers[FARTHEST * LANES + k], gx * gx + gy * gy)
-            motion[SLOPE * LANES + k], motion[(SLOPE + 1) * LANES + k] = gx, gy
-            motion[AT * LANES + k] = motion[TRIED * LANES + k] if accepted else x
-            motion[(AT + 1) * LANES + k] = motion[(TRIED + 1) * LANES + k] if accepted else y
+            numbers[FARTHEST + k] = max(numbers[FARTHEST + k], gx * gx + gy * gy)
+            motion[G_X + k], motion[G_Y + k] = gx, gy
+            motion[AT_X + k] = motion[TRIED_X + k] if accepted else x
+            motion[AT_Y + k] = motion[TRIED_Y + k] if accepted else y
     for k in range(active):
-        metric, curvature = numbers[METRIC * LANES + k], numbers[CURVATURES * LANES + k]
-        spectral = numbers[SQUARES * LANES + k] / max(abs(curvature), TINY)
-        first = numbers[UNIT * LANES + k] / math.sqrt(max(numbers[FARTHEST * LANES + k], TINY))
-        spectral = first if numbers[FRESH * LANES + k] > 0.0 else spectral
+        metric, curvature = numbers[METRIC + k], numbers[CURVATURES + k]
+        spectral = numbers[SQUARES + k] / max(abs(curvature), TINY)
+        first = numbers[UNIT + k] / math.sqrt(max(numbers[FARTHEST + k], TINY))
+        spectral = first if numbers[FRESH + k] > 0.0 else spectral
         spectral = min(max(spectral, SHORTEST * metric), LONGEST * metric)
-        accepted = numbers[ACCEPTED * LANES + k] > 0.0
-        numbers[STEP * LANES + k] = spectral if accepted else numbers[STEP * LANES + k]
-        numbers[DESCENT * LANES + k], numbers[FARTHEST * LANES + k] = 0.0, 0.0
+        accepted = numbers[ACCEPTED + k] > 0.0
+        numbers[STEP + k] = spectral if accepted else numbers[STEP + k]
+        numbers[DESCENT + k], numbers[FARTHEST + k] = 0.0, 0.0
     for i in range(n):
         motion = lanes.motions[i * MOTION_ROWS * LANES :]
         for k in range(active):
-            step = numbers[STEP * LANES + k]
-            motion[WAY * LANES + k] = motion[AT * LANES + k] - step * motion[SLOPE * LANES + k]
-            motion[(WAY + 1) * LANES + k] = (
-                motion[(AT + 1) * LANES + k] - step * motion[(SLOPE + 1) * LANES + k]
-            )
+            step = numbers[STEP + k]
+            motion[WAY_X + k] = motion[AT_X + k] - step * motion[G_X + k]
+            motion[WAY_Y + k] = motion[AT_Y + k] - step * motion[G_Y + k]
 
 
 @kernel
 def project_lanes(motion: FloatArray, active: int, unresolved: FloatArray) -> float:
-    """Replace the points in `WAY` by the nearest ones of a member's sets.
+    """Replace the points in the place of directions by the nearest ones of a member's sets.
 
     The box and the first two discs, where the nearest point of one of them or of the two discs is
     in all; elsewhere the lane is marked. Returns the number of these.
     """
     marked = 0.0
     for k in range(active):
-        px, py = motion[WAY * LANES + k], motion[(WAY + 1) * LANES + k]
-        left, low = motion[k], motion[LANES + k]
-        right, high = motion[2 * LANES + k], motion[3 * LANES + k]
-        ax, ay, ar = motion[4 * LANES + k], motion[5 * LANES + k], motion[6 * LANES + k]
-        bx, by, br = motion[7 * LANES + k], motion[8 * LANES + k], motion[9 * LANES + k]
-        within_a, within_b = motion[WITHIN * LANES + k], motion[(WITHIN + 1) * LANES + k]
-        within_c, beside = motion[(WITHIN + 2) * LANES + k], motion[(WITHIN + 3) * LANES + k]
+        px, py = motion[WAY_X + k], motion[WAY_Y + k]
+        left, low = motion[LEFT + k], motion[LOW + k]
+        right, high = motion[RIGHT + k], motion[HIGH + k]
+        ax, ay, ar = motion[A_X + k], motion[A_Y + k], motion[A_R + k]
+        bx, by, br = motion[B_X + k], motion[B_Y + k], motion[B_R + k]
+        within_a, within_b = motion[IN_A + k], motion[IN_B + k]
+        within_c, beside = motion[IN_C + k], motion[AT_BOX + k]
         # the nearest point of the two discs: of the first, of the second, or a crossing
         dx, dy = px - ax, py - ay
         square = dx * dx + dy * dy
@@ -177,8 +182,8 @@ def project_lanes(motion: FloatArray, active: int, unresolved: FloatArray) -> fl
         sx, sy = bx + ratio * dx, by + ratio * dy
         dx, dy = sx - ax, sy - ay
         of_second = dx * dx + dy * dy <= within_a
-        ux, uy = motion[CORNERS * LANES + k], motion[(CORNERS + 1) * LANES + k]
-        vx, vy = motion[(CORNERS + 2) * LANES + k], motion[(CORNERS + 3) * LANES + k]
+        ux, uy = motion[U_X + k], motion[U_Y + k]
+        vx, vy = motion[V_X + k], motion[V_Y + k]
         dx, dy, ex, ey = px - ux, py - uy, px - vx, py - vy
         nearer = dx * dx + dy * dy <= ex * ex + ey * ey
         ux, uy = ux if nearer else vx, uy if nearer else vy
@@ -190,10 +195,10 @@ def project_lanes(motion: FloatArray, active: int, unresolved: FloatArray) -> fl
         of_box = dx * dx + dy * dy <= within_a and ex * ex + ey * ey <= within_b
         qx, qy = sx if of_box else qx, sy if of_box else qy
         sx, sy = min(max(qx, left), right), min(max(qy, low), high)
-        dx, dy = sx - motion[10 * LANES + k], sy - motion[11 * LANES + k]
+        dx, dy = sx - motion[C_X + k], sy - motion[C_Y + k]
         resolved = max(abs(sx - qx), abs(sy - qy)) <= beside and dx * dx + dy * dy <= within_c
-        motion[WAY * LANES + k] = sx if resolved else px
-        motion[(WAY + 1) * LANES + k] = sy if resolved else py
+        motion[WAY_X + k] = sx if resolved else px
+        motion[WAY_Y + k] = sy if resolved else py
         unresolved[k] = 0.0 if resolved else 1.0
     for k in range(active):
         marked += unresolved[k]
@@ -202,15 +207,15 @@ def project_lanes(motion: FloatArray, active: int, unresolved: FloatArray) -> fl
 
 @kernel
 def project_alone(motion: FloatArray, k: int, own_set: FloatArray) -> None:
-    """Replace a lane's point in `WAY` by the nearest one of the member's set, whatever its case."""
-    for c in range(13):
+    """Replace a lane's point like `project_lanes`, whatever the case."""
+    for c in range(SET_ROWS):
         own_set[0, c] = motion[c * LANES + k]
-    x, y = motion[WAY * LANES + k], motion[(WAY + 1) * LANES + k]
+    x, y = motion[WAY_X + k], motion[WAY_Y + k]
     px, py, exists = nearest(x, y, own_set, 0)
     if not exists:
         px = min(max(x, own_set[0, 0]), own_set[0, 2])
         py = min(max(y, own_set[0, 1]), own_set[0, 3])
-    motion[WAY * LANES + k], motion[(WAY + 1) * LANES + k] = px, py
+    motion[WAY_X + k], motion[WAY_Y + k] = px, py
 
 
 @kernel
@@ -225,13 +230,11 @@ def directions(lanes: Lanes, active: int) -> None:
                 if unresolved[k] > 0.0:
                     project_alone(motion, k, lanes.own_set)
         for k in range(active):
-            dx = motion[WAY * LANES + k] - motion[AT * LANES + k]
-            dy = motion[(WAY + 1) * LANES + k] - motion[(AT + 1) * LANES + k]
-            motion[WAY * LANES + k], motion[(WAY + 1) * LANES + k] = dx, dy
-            numbers[DESCENT * LANES + k] += (
-                dx * motion[SLOPE * LANES + k] + dy * motion[(SLOPE + 1) * LANES + k]
-            )
-            numbers[FARTHEST * LANES + k] = max(numbers[FARTHEST * LANES + k], dx * dx + dy * dy)
+            dx = motion[WAY_X + k] - motion[AT_X + k]
+            dy = motion[WAY_Y + k] - motion[AT_Y + k]
+            motion[WAY_X + k], motion[WAY_Y + k] = dx, dy
+            numbers[DESCENT + k] += dx * motion[G_X + k] + dy * motion[G_Y + k]
+            numbers[FARTHEST + k] = max(numbers[FARTHEST + k], dx * dx + dy * dy)
 
 
 class Tasks(NamedTuple):
@@ -258,7 +261,7 @@ class Jobs(NamedTuple):
     sets: FloatArray  # (B, n, 13)
     scale: FloatArray  # (B, 2)
     tasks: Tasks
-    count: int  # of tasks, the first ones
+    size: int  # number of tasks, the first ones
     limits: Limits
 
 
@@ -266,24 +269,24 @@ class Jobs(NamedTuple):
 def load(lanes: Lanes, k: int, jobs: Jobs, job: int) -> None:
     """Let a lane begin a job."""
     n, row = jobs.sets.shape[1], jobs.tasks.problem[job]
-    p, numbers = jobs.p[row], lanes.numbers
+    p, x, numbers = jobs.p[row], jobs.tasks.x[job], lanes.numbers
     lanes.job[k] = job
     for i in range(n):
         member, motion = lanes.members[i * ROWS * LANES :], lanes.motions[i * MOTION_ROWS * LANES :]
         member[ALIVE + k], member[WEIGHT + k] = p[4 * n + i], p[5 * n + i]
-        for c in range(13):
+        for c in range(SET_ROWS):
             motion[c * LANES + k] = jobs.sets[row, i, c]
         write_crossings(motion, k)
         write_tolerances(motion, k)
-        for c in range(2):
-            motion[(FROM + c) * LANES + k] = p[2 * i + c]
-            motion[(AT + c) * LANES + k] = jobs.tasks.x[job, 2 * i + c]
-            motion[(SLOPE + c) * LANES + k], motion[(WAY + c) * LANES + k] = 0.0, 0.0
+        motion[FROM_X + k], motion[FROM_Y + k] = p[2 * i], p[2 * i + 1]
+        motion[AT_X + k], motion[AT_Y + k] = x[2 * i], x[2 * i + 1]
+        motion[G_X + k], motion[G_Y + k] = 0.0, 0.0
+        motion[WAY_X + k], motion[WAY_Y + k] = 0.0, 0.0
     unit = jobs.scale[row, 0]
-    numbers[UNIT * LANES + k], numbers[METRIC * LANES + k] = unit, unit * unit / jobs.scale[row, 1]
-    numbers[FRESH * LANES + k], numbers[LENGTH * LANES + k] = 1.0, 1.0
-    numbers[F * LANES + k], numbers[DESCENT * LANES + k] = 0.0, 0.0
-    numbers[TICKS * LANES + k], numbers[DT * LANES + k] = 0.0, p[6 * n + 2]
+    numbers[UNIT + k], numbers[METRIC + k] = unit, unit * unit / jobs.scale[row, 1]
+    numbers[FRESH + k], numbers[LENGTH + k] = 1.0, 1.0
+    numbers[F + k], numbers[DESCENT + k] = 0.0, 0.0
+    numbers[TICKS + k], numbers[DT + k] = 0.0, p[6 * n + 2]
     for c in range(MEMORY):
         lanes.history[c * LANES + k] = -math.inf
 
@@ -291,66 +294,51 @@ def load(lanes: Lanes, k: int, jobs: Jobs, job: int) -> None:
 @kernel
 def write_crossings(motion: FloatArray, k: int) -> None:
     """Write the points where a member's first two circles cross; NaN where they do not."""
-    small, large = 4, 7
-    if motion[9 * LANES + k] < motion[6 * LANES + k]:
-        small, large = 7, 4
-    cx, cy, r = (
-        motion[small * LANES + k],
-        motion[(small + 1) * LANES + k],
-        motion[(small + 2) * LANES + k],
-    )
-    radius = motion[(large + 2) * LANES + k]
-    dx, dy = motion[large * LANES + k] - cx, motion[(large + 1) * LANES + k] - cy
-    distance = math.sqrt(dx * dx + dy * dy)
+    small, large = (B_X, A_X) if motion[B_R + k] < motion[A_R + k] else (A_X, B_X)
+    cx, cy, r = motion[small + k], motion[small + LANES + k], motion[small + 2 * LANES + k]
+    dx, dy = motion[large + k] - cx, motion[large + LANES + k] - cy
+    distance, radius = math.sqrt(dx * dx + dy * dy), motion[large + 2 * LANES + k]
     along = 0.5 * distance + (r - radius) * ((r + radius) / (2.0 * distance))
-    valid = distance > 0.0 and -r <= along and along <= r and radius < math.inf
-    across = math.sqrt(max(r - along, 0.0)) * math.sqrt(max(r + along, 0.0)) if valid else math.nan
+    across = math.nan
+    if distance > 0.0 and radius < math.inf and -r <= along <= r:
+        across = math.sqrt(r - along) * math.sqrt(r + along)
     ux, uy = dx / distance, dy / distance
-    motion[CORNERS * LANES + k] = cx + along * ux - across * uy
-    motion[(CORNERS + 1) * LANES + k] = cy + along * uy + across * ux
-    motion[(CORNERS + 2) * LANES + k] = cx + along * ux + across * uy
-    motion[(CORNERS + 3) * LANES + k] = cy + along * uy - across * ux
+    cx, cy = cx + along * ux, cy + along * uy
+    motion[U_X + k], motion[U_Y + k] = cx - across * uy, cy + across * ux
+    motion[V_X + k], motion[V_Y + k] = cx + across * uy, cy - across * ux
 
 
 @kernel
 def write_tolerances(motion: FloatArray, k: int) -> None:
     """Write up to what distances points count as in the discs and the box: up to rounding."""
-    for disc in range(3):
-        row = 4 + 3 * disc
-        center = max(abs(motion[row * LANES + k]), abs(motion[(row + 1) * LANES + k]))
-        radius = motion[(row + 2) * LANES + k]
-        radius += ROUNDING * (2.0 * center + 2.0 * radius)
-        motion[(WITHIN + disc) * LANES + k] = radius * radius
+    for x, within in ((A_X, IN_A), (B_X, IN_B), (C_X, IN_C)):
+        radius = motion[x + 2 * LANES + k]
+        size = max(abs(motion[x + k]), abs(motion[x + LANES + k])) + radius
+        radius += 2.0 * ROUNDING * size
+        motion[within + k] = radius * radius
     largest = 0.0
-    for side in range(4):
-        largest = max(largest, abs(motion[side * LANES + k]))
-    motion[(WITHIN + 3) * LANES + k] = ROUNDING * largest
+    for side in (LEFT, LOW, RIGHT, HIGH):
+        largest = max(largest, abs(motion[side + k]))
+    motion[AT_BOX + k] = ROUNDING * largest
 
 
 @kernel
 def store(lanes: Lanes, k: int, jobs: Jobs) -> None:
     """Write the end of a lane's job."""
-    job = lanes.job[k]
+    job, tasks = lanes.job[k], jobs.tasks
     for i in range(jobs.sets.shape[1]):
         motion = lanes.motions[i * MOTION_ROWS * LANES :]
-        for c in range(2):
-            jobs.tasks.x[job, 2 * i + c] = motion[(AT + c) * LANES + k]
-    jobs.tasks.f[job] = lanes.numbers[F * LANES + k] + 0.0 * lanes.numbers[DESCENT * LANES + k]
-    ticks = int(lanes.numbers[TICKS * LANES + k])
-    jobs.tasks.counts[job, 0], jobs.tasks.counts[job, 1] = ticks, ticks
+        tasks.x[job, 2 * i], tasks.x[job, 2 * i + 1] = motion[AT_X + k], motion[AT_Y + k]
+    tasks.f[job] = lanes.numbers[F + k] + 0.0 * lanes.numbers[DESCENT + k]
+    tasks.counts[job, 0] = tasks.counts[job, 1] = int(lanes.numbers[TICKS + k])
 
 
 @kernel
 def move(lanes: Lanes, source: int, target: int) -> None:
     """Let a lane take over what another one does."""
-    for c in range(lanes.members.size // LANES):
-        lanes.members[c * LANES + target] = lanes.members[c * LANES + source]
-    for c in range(lanes.motions.size // LANES):
-        lanes.motions[c * LANES + target] = lanes.motions[c * LANES + source]
-    for c in range(NUMBER_ROWS):
-        lanes.numbers[c * LANES + target] = lanes.numbers[c * LANES + source]
-    for c in range(MEMORY):
-        lanes.history[c * LANES + target] = lanes.history[c * LANES + source]
+    for rows in (lanes.members, lanes.motions, lanes.numbers, lanes.history):
+        for first in range(0, rows.size, LANES):
+            rows[first + target] = rows[first + source]
     lanes.job[target] = lanes.job[source]
 
 
@@ -358,22 +346,22 @@ def move(lanes: Lanes, source: int, target: int) -> None:
 def has_ended(lanes: Lanes, k: int, jobs: Jobs) -> bool:
     """Count a lane's step; return True if it has converged, is exhausted or not finite."""
     numbers = lanes.numbers
-    numbers[FRESH * LANES + k] = 0.0
-    numbers[TICKS * LANES + k] += 1.0
-    limit = jobs.limits.tolerance * numbers[UNIT * LANES + k]
-    limit *= min(1.0, numbers[STEP * LANES + k] / numbers[METRIC * LANES + k])
-    if numbers[FARTHEST * LANES + k] <= limit * limit:
+    numbers[FRESH + k] = 0.0
+    numbers[TICKS + k] += 1.0
+    limit = jobs.limits.tolerance * numbers[UNIT + k]
+    limit *= min(1.0, numbers[STEP + k] / numbers[METRIC + k])
+    if numbers[FARTHEST + k] <= limit * limit:
         return True
-    f, slope = numbers[F * LANES + k], numbers[DESCENT * LANES + k]
+    f, slope = numbers[F + k], numbers[DESCENT + k]
     if -slope <= jobs.limits.decrease * abs(f):
         return True
-    return numbers[TICKS * LANES + k] >= jobs.limits.ticks or not math.isfinite(f + slope)
+    return numbers[TICKS + k] >= jobs.limits.ticks or not math.isfinite(f + slope)
 
 
 @kernel
 def solve_jobs(evaluate: Any, constants: FloatArray, jobs: Jobs, lanes: Lanes) -> None:
     """Improve the starts."""
-    active, following, ticks = min(LANES, jobs.count), 0, 0
+    active, following, ticks = min(LANES, jobs.size), 0, 0
     while following < active:
         load(lanes, following, jobs, following)
         following += 1
@@ -389,7 +377,7 @@ def solve_jobs(evaluate: Any, constants: FloatArray, jobs: Jobs, lanes: Lanes) -
                 k += 1
                 continue
             store(lanes, k, jobs)
-            if following < jobs.count:
+            if following < jobs.size:
                 load(lanes, k, jobs, following)
                 following, k = following + 1, k + 1
             else:  # the last lane makes room, and is looked at next
