@@ -33,6 +33,7 @@ from .spectral_kernels import (
 COARSE = 1e-3  # tolerance to which starts are compared
 DECREASE = 1e-5  # predicted relative decrease at which they are compared in lanes
 START_SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc
+ROUND = 3  # times as many starts in further rounds as in the first: all lanes of a state
 CHUNK = 256  # starts that are solved together, in lanes
 TICKS = 300  # of a lane, after which the state goes on by itself
 
@@ -71,7 +72,7 @@ class Scratch(NamedTuple):
 @allocating_kernel
 def scratch_for(members: int, states: int, in_lanes: bool, method: Method) -> Scratch:
     """Arrays for chunks of so many states of so many members."""
-    jobs = states * method.initial
+    jobs = states * (ROUND * method.initial if method.initial > 1 else 1)
     return Scratch(
         workspace(members),
         np.empty(members * (members + 8)),
@@ -115,7 +116,7 @@ def write_round(batch: Batch, scratch: Scratch) -> int:
         if starts.initial == 1:
             wanted = 1 - solved
         elif needs_start(solved, scratch.hits[row], starts):
-            wanted = min(wanted, len(starts.directions) - solved)
+            wanted = min(wanted if solved == 0 else ROUND * wanted, len(starts.directions) - solved)
         else:
             wanted = 0
         for index in range(solved, solved + wanted):
