@@ -94,6 +94,16 @@ def test_relative_links_of_page_resolve(page: Path) -> None:
 # --- glossary; the columns that commands write are in tests/cli/test_every_command.py
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_lines_of_page_are_short(page: Path) -> None:
+    """At most 100 characters but in tables, examples, and what cannot be broken."""
+    text = re.sub(
+        r"^ *(```+).*?^ *\1$|^\$\$.*?\$\$|^ *\|.*?$", "", page.read_text("utf-8"), flags=re.M | re.S
+    )
+    breakable = re.sub(r"`[^`]+`|\$[^$]+\$|\]\([^)]*\)", "", text)
+    assert [line for line in breakable.splitlines() if len(line) > 100] == []
+
+
 def test_glossary_has_every_public_name() -> None:
     assert sorted(set(casswarm.__all__) - TERMS) == []
 
