@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
 from commands import casswarm
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import casswarm as csw
 
@@ -40,3 +43,26 @@ def test_workflows_are_pinned_and_have_few_permissions(path: Path) -> None:
     assert "permissions: {}" in head or "permissions:\n  contents: read\n" in head
     assert "write-all" not in text
     assert "secrets." not in text
+
+
+def test_lock_has_every_dependency_within_its_bounds() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    locked = {}
+    for line in (ROOT / "results" / "requirements.lock").read_text("utf-8").splitlines():
+        if not line.startswith("#"):
+            name, version = line.split("==")
+            locked[canonicalize_name(name)] = version
+    for dependency in map(Requirement, project["dependencies"]):
+        version = locked[canonicalize_name(dependency.name)]
+        assert dependency.specifier.contains(version), dependency
+
+
+def test_container_copies_what_exists_and_runs_a_command() -> None:
+    lines = (ROOT / "docs" / "Containerfile").read_text("utf-8").splitlines()
+    copied = [name for line in lines if line.startswith("COPY ") for name in line.split()[1:-1]]
+    assert all((ROOT / name).exists() for name in copied)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    parts = project["tool"]["setuptools"]["package-dir"].values()
+    assert {"casswarm", *parts} <= set(copied)
+    command = json.loads(next(line for line in lines if line.startswith("CMD "))[4:])
+    assert command[:3] == ["reproduce", "--only", "table-2"]
