@@ -13,7 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from casswarm.errors import HazardError
-from casswarm.hazard.codegen import lower, lower_source
+from casswarm.hazard import SaturationCollision
+from casswarm.hazard.codegen import (
+    differentiated_kernels,
+    lower,
+    lower_source,
+    lowered_kernels,
+)
 from casswarm.nlp import operations
 
 
@@ -97,6 +103,33 @@ def test_source_has_one_line_per_operation() -> None:
     assert source.rstrip().splitlines()[-1] == "    return y0"
     # a line each: x, 3, their product, 1, the sum, its inverse
     assert sum(line.startswith("    w") for line in source.splitlines()) == 6
+
+
+def test_divisions_by_the_same_number_share_its_inverse() -> None:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    square = (x + y) * (x + y)
+    expressions = [x / square, 1 / square, y / square + square / (y + 3)]
+    source = lower_source("f", {"x": x, "y": y}, expressions)
+    assert source.count(" / ") == 2
+    namespace: dict[str, Any] = {}
+    exec(source, namespace)
+    expected = [float(each) for each in ca.Function("f", [x, y], expressions)(1.7, -0.4)]
+    np.testing.assert_allclose(namespace["f"](1.7, -0.4), expected, rtol=1e-15)
+
+
+def test_inverse_is_not_that_of_a_number_written_later() -> None:
+    compare(lambda x, y: x / (y + 1) + y / (y + 1) + x / (x / (y + 1) + 2), [1.0, 4.0], [2.0, 0.5])
+
+
+@pytest.mark.parametrize("beta_2", [2.0, 6.0, 10.0, 16.0, 18.0, 5.0, 2.5])
+def test_collision_rate_is_the_same_as_product_and_exponential(beta_2: float) -> None:
+    hazard = SaturationCollision(((0.0, 0.0),), beta_1=0.3, beta_2=beta_2)
+    distances = np.array([0.02, 0.1, 0.3, 1.0, 7.0])
+    expected = (0.3 / distances) ** beta_2
+    np.testing.assert_allclose(lowered_kernels(hazard)[2](distances**2), expected, rtol=1e-12)
+    source, parameters = differentiated_kernels(hazard)
+    assert (beta_2 in parameters) is (beta_2 in (18.0, 5.0, 2.5))
+    assert ("np.exp" in source) is (beta_2 in parameters)
 
 
 def test_source_indexes_columns_and_returns_tuples() -> None:
