@@ -36,6 +36,12 @@ ROWS = 9
 
 
 @kernel
+def density_of(i: int, members: FloatArray, constants: FloatArray) -> float:
+    """Factor of what a member adds to the densities of others."""
+    return constants[constants.size - members.size // (ROWS * LANES) + i] if DIFFER else 1.0
+
+
+@kernel
 def evaluate_lanes(
     members: FloatArray,
     active: FloatArray,
@@ -54,58 +60,76 @@ def evaluate_lanes(
     for k in range(lanes):
         values[k] = 0.0
     for i in range(n):
-        own, share = members[i * ROWS * LANES :], constants[last + n + i] if DIFFER else 1.0
+        own, share = members[i * ROWS * LANES :], density_of(i, members, constants)
         for k in range(lanes):
             own[BY_DENSITY + k] = share * own_density
             own[BY_COLLISION + k] = 0.0
-    start = 0
     for i in range(n):
-        own = members[i * ROWS * LANES :]
         for j in range(i):
-            other, slopes = members[j * ROWS * LANES :], scratch[start:]
-            share = constants[last + n + i] if DIFFER else 1.0
-            share_other = constants[last + n + j] if DIFFER else 1.0
-            for k in range(lanes):
-                de, dn = own[EAST + k] - other[EAST + k], own[NORTH + k] - other[NORTH + k]
-                value, slope = density(de * de + dn * dn, parameters)
-                both = own[ALIVE + k] * other[ALIVE + k] > 0.0
-                value, slopes[k] = value if both else 0.0, slope if both else 0.0
-                own[BY_DENSITY + k] += share_other * value
-                other[BY_DENSITY + k] += share * value
-            if COLLIDES:
-                for k in range(lanes):
-                    de, dn = own[EAST + k] - other[EAST + k], own[NORTH + k] - other[NORTH + k]
-                    value, slope = collision(de * de + dn * dn, parameters)
-                    both = own[ALIVE + k] * other[ALIVE + k] > 0.0
-                    value, slopes[LANES + k] = value if both else 0.0, slope if both else 0.0
-                    own[BY_COLLISION + k] += value
-                    other[BY_COLLISION + k] += value
-            start += 2 * LANES
+            add_pair(i, j, members, lanes, constants, scratch)
     for i in range(n):
         own = members[i * ROWS * LANES :]
         rate_lanes(own, lanes, constants, last, constants[last + i] if DIFFER else 1.0, values)
-    start = 0
     for i in range(n):
-        own = members[i * ROWS * LANES :]
         for j in range(i):
-            other, slopes = members[j * ROWS * LANES :], scratch[start:]
-            share = constants[last + n + i] if DIFFER else 1.0
-            share_other = constants[last + n + j] if DIFFER else 1.0
-            for k in range(lanes):
-                slope = slopes[k] * (
-                    share_other * own[BY_DENSITY + k] + share * other[BY_DENSITY + k]
-                )
-                if COLLIDES:
-                    slope += slopes[LANES + k] * (own[BY_COLLISION + k] + other[BY_COLLISION + k])
-                slopes[k] = slope
-            for k in range(lanes):
-                own[PULL_EAST + k] += slopes[k] * (own[EAST + k] - other[EAST + k])
-                own[PULL_NORTH + k] += slopes[k] * (own[NORTH + k] - other[NORTH + k])
-            for k in range(lanes):
-                other[PULL_EAST + k] -= slopes[k] * (own[EAST + k] - other[EAST + k])
-                other[PULL_NORTH + k] -= slopes[k] * (own[NORTH + k] - other[NORTH + k])
-            start += 2 * LANES
+            pull_pair(i, j, members, lanes, constants, scratch)
     return 0.0
+
+
+@kernel
+def add_pair(
+    i: int,
+    j: int,
+    members: FloatArray,
+    lanes: int,
+    constants: FloatArray,
+    scratch: FloatArray,
+) -> None:
+    """Add the density and collision rate of a pair to its members' sums, and keep the slopes."""
+    own, other = members[i * ROWS * LANES :], members[j * ROWS * LANES :]
+    parameters, slopes = unpacked(constants), scratch[(i * (i - 1) + 2 * j) * LANES :]
+    share, share_other = density_of(i, members, constants), density_of(j, members, constants)
+    for k in range(lanes):
+        de, dn = own[EAST + k] - other[EAST + k], own[NORTH + k] - other[NORTH + k]
+        value, slope = density(de * de + dn * dn, parameters)
+        both = own[ALIVE + k] * other[ALIVE + k] > 0.0
+        value, slopes[k] = value if both else 0.0, slope if both else 0.0
+        own[BY_DENSITY + k] += share_other * value
+        other[BY_DENSITY + k] += share * value
+    if COLLIDES:
+        for k in range(lanes):
+            de, dn = own[EAST + k] - other[EAST + k], own[NORTH + k] - other[NORTH + k]
+            value, slope = collision(de * de + dn * dn, parameters)
+            both = own[ALIVE + k] * other[ALIVE + k] > 0.0
+            value, slopes[LANES + k] = value if both else 0.0, slope if both else 0.0
+            own[BY_COLLISION + k] += value
+            other[BY_COLLISION + k] += value
+
+
+@kernel
+def pull_pair(
+    i: int,
+    j: int,
+    members: FloatArray,
+    lanes: int,
+    constants: FloatArray,
+    scratch: FloatArray,
+) -> None:
+    """Add the gradient of a pair, with the derivatives in the sums in their place."""
+    own, other = members[i * ROWS * LANES :], members[j * ROWS * LANES :]
+    slopes = scratch[(i * (i - 1) + 2 * j) * LANES :]
+    share, share_other = density_of(i, members, constants), density_of(j, members, constants)
+    for k in range(lanes):
+        slope = slopes[k] * (share_other * own[BY_DENSITY + k] + share * other[BY_DENSITY + k])
+        if COLLIDES:
+            slope += slopes[LANES + k] * (own[BY_COLLISION + k] + other[BY_COLLISION + k])
+        slopes[k] = slope
+    for k in range(lanes):
+        own[PULL_EAST + k] += slopes[k] * (own[EAST + k] - other[EAST + k])
+        own[PULL_NORTH + k] += slopes[k] * (own[NORTH + k] - other[NORTH + k])
+    for k in range(lanes):
+        other[PULL_EAST + k] -= slopes[k] * (own[EAST + k] - other[EAST + k])
+        other[PULL_NORTH + k] -= slopes[k] * (own[NORTH + k] - other[NORTH + k])
 
 
 @kernel
@@ -146,5 +170,5 @@ def rate_lanes(
         own[PULL_NORTH + k] *= factor * exposure * by_risk
 
 
-LANE_KERNELS = rate_lanes, evaluate_lanes
+LANE_KERNELS = density_of, add_pair, pull_pair, rate_lanes, evaluate_lanes
 """Kernels that the objective is made of, for `casswarm.hazard.rate_module`."""

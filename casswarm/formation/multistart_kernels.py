@@ -182,7 +182,10 @@ def read_round(count: int, scratch: Scratch, results: Results) -> None:
 def finish(
     objective: Objective, batch: Batch, row: int, method: Method, scratch: Scratch, results: Results
 ) -> bool:
-    """Verify a state's point, after further steps where it needs them; whether it needed none."""
+    """Verify a state's point, after further steps where it needs them; whether it needed none.
+
+    The paper's method, which has a constant step, takes all its steps here.
+    """
     problem = Problem(
         objective.evaluate,
         batch.p[row],
@@ -192,6 +195,10 @@ def finish(
         scratch.numbers,
     )
     x, counts, verified = results.x[row], results.counts[row], results.verified[row]
+    if method.step > 0.0:
+        results.outcome[row] = descend(x, problem, method, scratch.work, counts)
+        verify(x, problem, scratch.work, verified)
+        return True
     counts[1] += 1
     results.outcome[row] = CONVERGED
     if verify(x, problem, scratch.work, verified) <= method.tolerance:
@@ -214,12 +221,12 @@ def solve_chunk(
     is solved coarsely, and from the best of the ends to tolerance. A guess that is a solution, in
     closed form, is only verified.
     """
-    states = batch.x0.shape[0]
+    states, alone = batch.x0.shape[0], method.step > 0.0 or not objective.in_lanes
     for row in range(states):
         scratch.least[row], scratch.hits[row], scratch.solved[row] = math.inf, 0, 0
         if method.initial > 1:
             place_starts(batch.x0[row], batch.sets[row], row, scratch)
-        elif not objective.in_lanes and finish(objective, batch, row, method, scratch, results):
+        elif alone and finish(objective, batch, row, method, scratch, results):
             scratch.least[row], scratch.solved[row] = -math.inf, 1
     count = write_round(batch, scratch)
     while count > 0:
@@ -229,25 +236,6 @@ def solve_chunk(
     for row in range(states):
         if scratch.least[row] > -math.inf:
             finish(objective, batch, row, method, scratch, results)
-
-
-@kernel
-def descend_chunk(
-    objective: Objective, batch: Batch, method: Method, scratch: Scratch, results: Results
-) -> None:
-    """`descend` from the projections of the guesses in `results.x`, and verify the ends."""
-    for row in range(batch.x0.shape[0]):
-        problem = Problem(
-            objective.evaluate,
-            batch.p[row],
-            objective.constants,
-            batch.sets[row],
-            batch.scale[row],
-            scratch.numbers,
-        )
-        x, counts, work = results.x[row], results.counts[row], scratch.work
-        results.outcome[row] = descend(x, problem, method, work, counts)
-        verify(x, problem, work, results.verified[row])
 
 
 @allocating_kernel
@@ -270,7 +258,4 @@ def minimise_batch(
             results.outcome[first:end],
             results.counts[first:end],
         )
-        if method.step > 0.0:
-            descend_chunk(objective, own, method, scratch, part)
-        else:
-            solve_chunk(objective, own, method, scratch, part)
+        solve_chunk(objective, own, method, scratch, part)

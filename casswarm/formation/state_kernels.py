@@ -289,10 +289,9 @@ def pose(
     terms: Terms,
     problems: StateProblem,
     place: int,
-    scale: FloatArray,
     scratch: Scratch,
-) -> bool:
-    """Write the problem of a state and its scale at a place; return whether it has them."""
+) -> float:
+    """Write the problem of a state at a place; return `isolated_rate`, or NaN if it has none."""
     out = StateProblem(
         problems.p[place],
         problems.guess[place],
@@ -301,8 +300,8 @@ def pose(
         problems.infeasible[place],
     )
     if not state_problem(states, row, terms, out):
-        return False
-    rate = isolated_rate(
+        return math.nan
+    return isolated_rate(
         objective.evaluate,
         out.p,
         states.alive[row],
@@ -310,8 +309,6 @@ def pose(
         scratch.work.vectors[:2],
         scratch.numbers,
     )
-    scale[place, 0], scale[place, 1] = terms.v_max, rate if rate > 0.0 else 1.0
-    return rate >= 0.0 and rate < math.inf
 
 
 @allocating_kernel
@@ -346,8 +343,10 @@ def decide_states(
         posed = 0
         for row in range(first, min(first + chunk, rows[1])):
             results.accepted[row] = False
-            if pose(objective, states, row, terms, problems, posed, scale, scratch):
+            rate = pose(objective, states, row, terms, problems, posed, scratch)
+            if 0.0 <= rate < math.inf:
                 owner[posed] = row
+                scale[posed, 0], scale[posed, 1] = terms.v_max, rate if rate > 0.0 else 1.0
                 copy(problems.guess[posed], solved.x[posed])
                 posed += 1
         batch = Batch(

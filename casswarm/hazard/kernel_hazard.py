@@ -49,15 +49,6 @@ def regular(squared_distance: Expr, core_radius: Expr = CORE_RADIUS) -> Expr:
     return squared_distance + missing**2 / (2 * core)
 
 
-def whole_power(base: Expr, exponent: int) -> Expr:
-    """Power with a whole exponent from 1 on, as products: cheaper than an exponential."""
-    power = base
-    for digit in f"{exponent:b}"[1:]:
-        power = power * power
-        power = power * base if digit == "1" else power
-    return power
-
-
 class Members(NamedTuple):
     """Factors of the members of a swarm, where they differ, (n,) each."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from .._util.threads import locked_cache
 from ..typing import Expr, FloatArray
 from .codegen import lowered_kernels
-from .kernel_hazard import KernelHazard, regular, require_finite, whole_power
+from .kernel_hazard import KernelHazard, regular, require_finite
 from .rate_bounds import (
     LeastRate,
     LeastRateLines,
@@ -172,7 +172,7 @@ class SaturationCollision(Saturation):
         """
         ratio, exponent = self.beta_1**2 / regular(squared_distance, self.core_radius), self.beta_2
         if not isinstance(exponent, ca.SX) and self.structural:
-            return whole_power(ratio, int(0.5 * exponent))
+            return ratio ** int(0.5 * exponent)
         return ca.exp(0.5 * exponent * ca.log(ratio))
 
 
