@@ -18,7 +18,16 @@ import numpy as np
 from ..compiled.kernels import allocating_kernel, kernel
 from ..motion.planar_kernels import ROUNDING, nearest
 from ..typing import FloatArray, IntArray
-from .lane_objective_kernels import ALIVE, EAST, LANES, NORTH, PULL_EAST, PULL_NORTH, ROWS, WEIGHT
+from .lane_objective_kernels import (
+    ALIVE,
+    EAST,
+    GRADIENT_EAST,
+    GRADIENT_NORTH,
+    LANES,
+    NORTH,
+    ROWS,
+    WEIGHT,
+)
 from .spectral_kernels import LONGEST, MEMORY, SHORTEST, SUFFICIENT
 
 SET_ROWS, MOTION_ROWS, NUMBER_ROWS = 13, 31, 14
@@ -32,13 +41,13 @@ U_X, U_Y, V_X, V_Y, IN_A, IN_B, IN_C, AT_BOX = range(C_R + LANES, 21 * LANES, LA
 """Crossings of the first two circles; how far a point may be from the discs' centres, squared, and
 from the box, to be in them up to rounding."""
 
-FROM_X, FROM_Y, AT_X, AT_Y, G_X, G_Y, WAY_X, WAY_Y, TRIED_X, TRIED_Y = range(
+FROM_X, FROM_Y, AT_X, AT_Y, G_X, G_Y, DIRECTION_X, DIRECTION_Y, TRIED_X, TRIED_Y = range(
     AT_BOX + LANES, MOTION_ROWS * LANES, LANES
 )
 """Position, velocity, gradient, direction, and velocity of the trial."""
 
-F, DESCENT, LENGTH, METRIC, UNIT, DT, TICKS, FRESH, ACCEPTED = range(0, 9 * LANES, LANES)
-SQUARES, CURVATURES, FARTHEST, REFERENCE, STEP = range(9 * LANES, NUMBER_ROWS * LANES, LANES)
+F, DESCENT, LENGTH, METRIC, UNIT, DT, ITERATIONS, FRESH, ACCEPTED = range(0, 9 * LANES, LANES)
+SQUARES, CURVATURES, LARGEST, REFERENCE, STEP = range(9 * LANES, NUMBER_ROWS * LANES, LANES)
 """Rows of the numbers of lanes."""
 
 TINY = 1e-300  # a positive number, in place of zero
@@ -81,15 +90,15 @@ def take_trials(lanes: Lanes, active: int) -> None:
         member, motion = lanes.members[i * ROWS * LANES :], lanes.motions[i * MOTION_ROWS * LANES :]
         for k in range(active):
             length, dt = numbers[LENGTH + k], numbers[DT + k]
-            vx = motion[AT_X + k] + length * motion[WAY_X + k]
-            vy = motion[AT_Y + k] + length * motion[WAY_Y + k]
+            vx = motion[AT_X + k] + length * motion[DIRECTION_X + k]
+            vy = motion[AT_Y + k] + length * motion[DIRECTION_Y + k]
             motion[TRIED_X + k], motion[TRIED_Y + k] = vx, vy
             member[EAST + k] = motion[FROM_X + k] + dt * vx
             member[NORTH + k] = motion[FROM_Y + k] + dt * vy
 
 
 @kernel
-def judge(lanes: Lanes, active: int, place: int) -> None:
+def accept_trials(lanes: Lanes, active: int, place: int) -> None:
     """Write which trials are accepted, and the lengths of the next where they are not.
 
     Objectives that are accepted are kept at a place of the history.
@@ -114,7 +123,7 @@ def judge(lanes: Lanes, active: int, place: int) -> None:
         numbers[LENGTH + k] = 1.0 if accepted else quadratic
         numbers[F + k] = trial_f if accepted else f
         numbers[SQUARES + k], numbers[CURVATURES + k] = 0.0, 0.0
-        numbers[FARTHEST + k] = 0.0
+        numbers[LARGEST + k] = 0.0
         row[k] = trial_f if accepted else row[k]
 
 
@@ -129,29 +138,29 @@ def take_steps(lanes: Lanes, active: int) -> None:
             x, y = motion[AT_X + k], motion[AT_Y + k]
             sx, sy = motion[TRIED_X + k] - x, motion[TRIED_Y + k] - y
             gx, gy = motion[G_X + k], motion[G_Y + k]
-            new_gx, new_gy = dt * member[PULL_EAST + k], dt * member[PULL_NORTH + k]
+            new_gx, new_gy = dt * member[GRADIENT_EAST + k], dt * member[GRADIENT_NORTH + k]
             numbers[SQUARES + k] += sx * sx + sy * sy
             numbers[CURVATURES + k] += sx * (new_gx - gx) + sy * (new_gy - gy)
             gx, gy = new_gx if accepted else gx, new_gy if accepted else gy
-            numbers[FARTHEST + k] = max(numbers[FARTHEST + k], gx * gx + gy * gy)
+            numbers[LARGEST + k] = max(numbers[LARGEST + k], gx * gx + gy * gy)
             motion[G_X + k], motion[G_Y + k] = gx, gy
             motion[AT_X + k] = motion[TRIED_X + k] if accepted else x
             motion[AT_Y + k] = motion[TRIED_Y + k] if accepted else y
     for k in range(active):
         metric, curvature = numbers[METRIC + k], numbers[CURVATURES + k]
         spectral = numbers[SQUARES + k] / max(abs(curvature), TINY)
-        first = numbers[UNIT + k] / math.sqrt(max(numbers[FARTHEST + k], TINY))
+        first = numbers[UNIT + k] / math.sqrt(max(numbers[LARGEST + k], TINY))
         spectral = first if numbers[FRESH + k] > 0.0 else spectral
         spectral = min(max(spectral, SHORTEST * metric), LONGEST * metric)
         accepted = numbers[ACCEPTED + k] > 0.0
         numbers[STEP + k] = spectral if accepted else numbers[STEP + k]
-        numbers[DESCENT + k], numbers[FARTHEST + k] = 0.0, 0.0
+        numbers[DESCENT + k], numbers[LARGEST + k] = 0.0, 0.0
     for i in range(n):
         motion = lanes.motions[i * MOTION_ROWS * LANES :]
         for k in range(active):
             step = numbers[STEP + k]
-            motion[WAY_X + k] = motion[AT_X + k] - step * motion[G_X + k]
-            motion[WAY_Y + k] = motion[AT_Y + k] - step * motion[G_Y + k]
+            motion[DIRECTION_X + k] = motion[AT_X + k] - step * motion[G_X + k]
+            motion[DIRECTION_Y + k] = motion[AT_Y + k] - step * motion[G_Y + k]
 
 
 @kernel
@@ -163,7 +172,7 @@ def project_lanes(motion: FloatArray, active: int, unresolved: FloatArray) -> fl
     """
     marked = 0.0
     for k in range(active):
-        px, py = motion[WAY_X + k], motion[WAY_Y + k]
+        px, py = motion[DIRECTION_X + k], motion[DIRECTION_Y + k]
         left, low = motion[LEFT + k], motion[LOW + k]
         right, high = motion[RIGHT + k], motion[HIGH + k]
         ax, ay, ar = motion[A_X + k], motion[A_Y + k], motion[A_R + k]
@@ -197,8 +206,8 @@ def project_lanes(motion: FloatArray, active: int, unresolved: FloatArray) -> fl
         sx, sy = min(max(qx, left), right), min(max(qy, low), high)
         dx, dy = sx - motion[C_X + k], sy - motion[C_Y + k]
         resolved = max(abs(sx - qx), abs(sy - qy)) <= beside and dx * dx + dy * dy <= within_c
-        motion[WAY_X + k] = sx if resolved else px
-        motion[WAY_Y + k] = sy if resolved else py
+        motion[DIRECTION_X + k] = sx if resolved else px
+        motion[DIRECTION_Y + k] = sy if resolved else py
         unresolved[k] = 0.0 if resolved else 1.0
     for k in range(active):
         marked += unresolved[k]
@@ -210,12 +219,12 @@ def project_alone(motion: FloatArray, k: int, own_set: FloatArray) -> None:
     """Replace a lane's point like `project_lanes`, whatever the case."""
     for c in range(SET_ROWS):
         own_set[0, c] = motion[c * LANES + k]
-    x, y = motion[WAY_X + k], motion[WAY_Y + k]
+    x, y = motion[DIRECTION_X + k], motion[DIRECTION_Y + k]
     px, py, exists = nearest(x, y, own_set, 0)
     if not exists:
         px = min(max(x, own_set[0, 0]), own_set[0, 2])
         py = min(max(y, own_set[0, 1]), own_set[0, 3])
-    motion[WAY_X + k], motion[WAY_Y + k] = px, py
+    motion[DIRECTION_X + k], motion[DIRECTION_Y + k] = px, py
 
 
 @kernel
@@ -230,11 +239,11 @@ def directions(lanes: Lanes, active: int) -> None:
                 if unresolved[k] > 0.0:
                     project_alone(motion, k, lanes.own_set)
         for k in range(active):
-            dx = motion[WAY_X + k] - motion[AT_X + k]
-            dy = motion[WAY_Y + k] - motion[AT_Y + k]
-            motion[WAY_X + k], motion[WAY_Y + k] = dx, dy
+            dx = motion[DIRECTION_X + k] - motion[AT_X + k]
+            dy = motion[DIRECTION_Y + k] - motion[AT_Y + k]
+            motion[DIRECTION_X + k], motion[DIRECTION_Y + k] = dx, dy
             numbers[DESCENT + k] += dx * motion[G_X + k] + dy * motion[G_Y + k]
-            numbers[FARTHEST + k] = max(numbers[FARTHEST + k], dx * dx + dy * dy)
+            numbers[LARGEST + k] = max(numbers[LARGEST + k], dx * dx + dy * dy)
 
 
 class Tasks(NamedTuple):
@@ -251,7 +260,7 @@ class Limits(NamedTuple):
 
     tolerance: float  # longest member's part of a step, as of `search_kernels.converged`
     decrease: float  # predicted by the step, relative to the objective
-    ticks: int
+    iterations: int
 
 
 class Jobs(NamedTuple):
@@ -281,12 +290,12 @@ def load(lanes: Lanes, k: int, jobs: Jobs, job: int) -> None:
         motion[FROM_X + k], motion[FROM_Y + k] = p[2 * i], p[2 * i + 1]
         motion[AT_X + k], motion[AT_Y + k] = x[2 * i], x[2 * i + 1]
         motion[G_X + k], motion[G_Y + k] = 0.0, 0.0
-        motion[WAY_X + k], motion[WAY_Y + k] = 0.0, 0.0
+        motion[DIRECTION_X + k], motion[DIRECTION_Y + k] = 0.0, 0.0
     unit = jobs.scale[row, 0]
     numbers[UNIT + k], numbers[METRIC + k] = unit, unit * unit / jobs.scale[row, 1]
     numbers[FRESH + k], numbers[LENGTH + k] = 1.0, 1.0
     numbers[F + k], numbers[DESCENT + k] = 0.0, 0.0
-    numbers[TICKS + k], numbers[DT + k] = 0.0, p[6 * n + 2]
+    numbers[ITERATIONS + k], numbers[DT + k] = 0.0, p[6 * n + 2]
     for c in range(MEMORY):
         lanes.history[c * LANES + k] = -math.inf
 
@@ -330,7 +339,7 @@ def store(lanes: Lanes, k: int, jobs: Jobs) -> None:
         motion = lanes.motions[i * MOTION_ROWS * LANES :]
         tasks.x[job, 2 * i], tasks.x[job, 2 * i + 1] = motion[AT_X + k], motion[AT_Y + k]
     tasks.f[job] = lanes.numbers[F + k] + 0.0 * lanes.numbers[DESCENT + k]
-    tasks.counts[job, 0] = tasks.counts[job, 1] = int(lanes.numbers[TICKS + k])
+    tasks.counts[job, 0] = tasks.counts[job, 1] = int(lanes.numbers[ITERATIONS + k])
 
 
 @kernel
@@ -347,31 +356,31 @@ def has_ended(lanes: Lanes, k: int, jobs: Jobs) -> bool:
     """Count a lane's step; return True if it has converged, is exhausted or not finite."""
     numbers = lanes.numbers
     numbers[FRESH + k] = 0.0
-    numbers[TICKS + k] += 1.0
+    numbers[ITERATIONS + k] += 1.0
     limit = jobs.limits.tolerance * numbers[UNIT + k]
     limit *= min(1.0, numbers[STEP + k] / numbers[METRIC + k])
-    if numbers[FARTHEST + k] <= limit * limit:
+    if numbers[LARGEST + k] <= limit * limit:
         return True
     f, slope = numbers[F + k], numbers[DESCENT + k]
     if -slope <= jobs.limits.decrease * abs(f):
         return True
-    return numbers[TICKS + k] >= jobs.limits.ticks or not math.isfinite(f + slope)
+    return numbers[ITERATIONS + k] >= jobs.limits.iterations or not math.isfinite(f + slope)
 
 
 @kernel
 def solve_jobs(evaluate: Any, constants: FloatArray, jobs: Jobs, lanes: Lanes) -> None:
     """Improve the starts."""
-    active, following, ticks = min(LANES, jobs.size), 0, 0
+    active, following, iterations = min(LANES, jobs.size), 0, 0
     while following < active:
         load(lanes, following, jobs, following)
         following += 1
     while active > 0:
         take_trials(lanes, active)
         evaluate(lanes.members, lanes.values[:active], constants, lanes.values, lanes.pairs)
-        judge(lanes, active, ticks % MEMORY)
+        accept_trials(lanes, active, iterations % MEMORY)
         take_steps(lanes, active)
         directions(lanes, active)
-        ticks, k = ticks + 1, 0
+        iterations, k = iterations + 1, 0
         while k < active:
             if not has_ended(lanes, k, jobs):
                 k += 1

@@ -26,7 +26,7 @@ from ..typing import FloatArray
 LANES = 16
 """Numbers of a row. Those of a lane do not depend on the others."""
 
-EAST, NORTH, ALIVE, WEIGHT, BY_DENSITY, BY_COLLISION, RISK, PULL_EAST, PULL_NORTH = range(
+EAST, NORTH, ALIVE, WEIGHT, BY_DENSITY, BY_COLLISION, RISK, GRADIENT_EAST, GRADIENT_NORTH = range(
     0, 9 * LANES, LANES
 )
 """Where the rows of a member begin: position, 1 or 0, weight, sums, and the gradient."""
@@ -72,7 +72,7 @@ def evaluate_lanes(
         rate_lanes(own, lanes, constants, last, constants[last + i] if DIFFER else 1.0, values)
     for i in range(n):
         for j in range(i):
-            pull_pair(i, j, members, lanes, constants, scratch)
+            add_pair_gradient(i, j, members, lanes, constants, scratch)
     return 0.0
 
 
@@ -107,7 +107,7 @@ def add_pair(
 
 
 @kernel
-def pull_pair(
+def add_pair_gradient(
     i: int,
     j: int,
     members: FloatArray,
@@ -125,11 +125,11 @@ def pull_pair(
             slope += slopes[LANES + k] * (own[BY_COLLISION + k] + other[BY_COLLISION + k])
         slopes[k] = slope
     for k in range(lanes):
-        own[PULL_EAST + k] += slopes[k] * (own[EAST + k] - other[EAST + k])
-        own[PULL_NORTH + k] += slopes[k] * (own[NORTH + k] - other[NORTH + k])
+        own[GRADIENT_EAST + k] += slopes[k] * (own[EAST + k] - other[EAST + k])
+        own[GRADIENT_NORTH + k] += slopes[k] * (own[NORTH + k] - other[NORTH + k])
     for k in range(lanes):
-        other[PULL_EAST + k] -= slopes[k] * (own[EAST + k] - other[EAST + k])
-        other[PULL_NORTH + k] -= slopes[k] * (own[NORTH + k] - other[NORTH + k])
+        other[GRADIENT_EAST + k] -= slopes[k] * (own[EAST + k] - other[EAST + k])
+        other[GRADIENT_NORTH + k] -= slopes[k] * (own[NORTH + k] - other[NORTH + k])
 
 
 @kernel
@@ -144,19 +144,23 @@ def rate_lanes(
     """Add a member's weighted rate to the values; write its derivatives in place of the sums."""
     parameters = unpacked(constants)
     for k in range(lanes):
-        own[RISK + k], own[PULL_EAST + k], own[PULL_NORTH + k] = 0.0, 0.0, 0.0
+        own[RISK + k], own[GRADIENT_EAST + k], own[GRADIENT_NORTH + k] = 0.0, 0.0, 0.0
     if HAS_ZONES:
         for k in range(lanes):
             risk, east, north = zone(own[EAST + k], own[NORTH + k], parameters)
-            own[RISK + k], own[PULL_EAST + k], own[PULL_NORTH + k] = risk, 0.5 * east, 0.5 * north
+            own[RISK + k], own[GRADIENT_EAST + k], own[GRADIENT_NORTH + k] = (
+                risk,
+                0.5 * east,
+                0.5 * north,
+            )
     for r in range(FIRST_RADAR, last, 3):
         east, north, strength = constants[r], constants[r + 1], constants[r + 2]
         for k in range(lanes):
             de, dn = own[EAST + k] - east, own[NORTH + k] - north
             value, slope = source(de * de + dn * dn, parameters)
             own[RISK + k] += strength * value
-            own[PULL_EAST + k] += strength * slope * de
-            own[PULL_NORTH + k] += strength * slope * dn
+            own[GRADIENT_EAST + k] += strength * slope * de
+            own[GRADIENT_NORTH + k] += strength * slope * dn
     for k in range(lanes):
         rate, by_risk, by_density, by_collision = combine(
             exposure * own[RISK + k], own[BY_DENSITY + k], own[BY_COLLISION + k], parameters
@@ -166,9 +170,9 @@ def rate_lanes(
         factor = 2.0 * weight
         own[BY_DENSITY + k] = factor * by_density
         own[BY_COLLISION + k] = factor * by_collision
-        own[PULL_EAST + k] *= factor * exposure * by_risk
-        own[PULL_NORTH + k] *= factor * exposure * by_risk
+        own[GRADIENT_EAST + k] *= factor * exposure * by_risk
+        own[GRADIENT_NORTH + k] *= factor * exposure * by_risk
 
 
-LANE_KERNELS = density_of, add_pair, pull_pair, rate_lanes, evaluate_lanes
+LANE_KERNELS = density_of, add_pair, add_pair_gradient, rate_lanes, evaluate_lanes
 """Kernels that the objective is made of, for `casswarm.hazard.rate_module`."""

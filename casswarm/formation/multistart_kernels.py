@@ -35,7 +35,7 @@ DECREASE = 1e-5  # predicted relative decrease at which they are compared in lan
 START_SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc
 ROUND = 3  # times as many starts in further rounds as in the first: all lanes of a state
 CHUNK = 256  # starts that are solved together, in lanes
-TICKS = 300  # of a lane, after which the state goes on by itself
+ITERATIONS = 300  # of a lane, after which the state goes on by itself
 
 
 class Objective(NamedTuple):
@@ -143,7 +143,7 @@ def run_tasks(
     coarse = method.initial > 1
     if objective.in_lanes:
         decrease, tolerance = (DECREASE, 0.0) if coarse else (0.0, tolerance)
-        limits = Limits(tolerance, decrease, min(max_iter, TICKS))
+        limits = Limits(tolerance, decrease, min(max_iter, ITERATIONS))
         jobs = Jobs(batch.p, batch.sets, batch.scale, tasks, count, limits)
         solve_jobs(objective.evaluate_lanes, objective.constants, jobs, scratch.lanes)
         return

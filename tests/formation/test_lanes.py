@@ -13,10 +13,10 @@ from casswarm.formation.lane_kernels import Jobs, Limits, Tasks, empty_lanes, so
 from casswarm.formation.lane_objective_kernels import (
     ALIVE,
     EAST,
+    GRADIENT_EAST,
+    GRADIENT_NORTH,
     LANES,
     NORTH,
-    PULL_EAST,
-    PULL_NORTH,
     ROWS,
     WEIGHT,
 )
@@ -68,7 +68,7 @@ def test_objective_in_lanes_equals_casadi(name, differ, used):
         )
         expected, slope = nlp.gradient(positions[k].ravel(), np.asarray(p, float).ravel())
         assert f[k] == pytest.approx(float(expected), rel=1e-12)
-        gradient = members[:, [PULL_EAST // LANES, PULL_NORTH // LANES], k]
+        gradient = members[:, [GRADIENT_EAST // LANES, GRADIENT_NORTH // LANES], k]
         np.testing.assert_allclose(
             gradient.ravel(), np.asarray(slope).ravel(), rtol=1e-10, atol=1e-12
         )
@@ -92,7 +92,7 @@ def test_projection_in_lanes_is_that_of_one_point():
         nearest_batch(points, sets, expected, exists)
         motion = np.zeros((lane_kernels.MOTION_ROWS, LANES))
         motion[:13] = sets.T
-        flat, way = motion.ravel(), lane_kernels.WAY_X // LANES
+        flat, way = motion.ravel(), lane_kernels.DIRECTION_X // LANES
         for k in range(LANES):
             lane_kernels.write_crossings(flat, k)
             lane_kernels.write_tolerances(flat, k)
