@@ -99,10 +99,7 @@ def measured(scenario: Scenario, name: str) -> dict[str, Any]:
     """A row of the table."""
     guide, _, planned = timed(lambda: csw.plan(scenario))
     ready = timed(lambda: make_policy(name, scenario, guide))
-    distribution = csw.evaluate(scenario, ready.result, max_states=STATES, guide=guide)
-    (low, high), exact = distribution.success, distribution.success.width <= WIDE
-    if not exact:
-        low, high = csw.estimate(scenario, ready.result, RUNS, guide=guide).success
+    low, high, exact = success_of(scenario, ready.result, guide)
     return {
         "scenario": scenario.name,
         "policy": name,
@@ -112,6 +109,14 @@ def measured(scenario: Scenario, name: str) -> dict[str, Any]:
         "bound": rounded_up(csw.success_bound(scenario).value, 6),
         "seconds": round(planned + ready.cpu, 1),
     }
+
+
+def success_of(scenario: Scenario, policy: Any, guide: Guide) -> tuple[float, float, bool]:
+    """Lower and upper end of a policy's success, and whether they are proven bounds."""
+    low, high = csw.evaluate(scenario, policy, max_states=STATES, guide=guide).success
+    if high - low <= WIDE:
+        return low, high, True
+    return *csw.estimate(scenario, policy, RUNS, guide=guide).success, False
 
 
 def command(row: dict[str, Any]) -> str:

@@ -35,6 +35,7 @@ DECREASE = 1e-5  # predicted relative decrease at which they are compared in lan
 START_SPREAD = 2.0  # standard deviation of further starts, in radii of the smallest disc
 ROUND = 3  # times as many starts in further rounds as in the first: all lanes of a state
 CHUNK = 256  # starts that are solved together, in lanes
+FEW = 32  # states that are solved together, where each is solved alone
 ITERATIONS = 300  # of a lane, after which the state goes on by itself
 
 
@@ -43,6 +44,16 @@ class Objective(NamedTuple):
 
     evaluate: Any
     evaluate_lanes: Any  # `evaluate` where there is none
+    in_lanes: bool
+    constants: FloatArray
+
+
+class Shared(NamedTuple):
+    """The rest of an `Objective`: with functions, Numba finds the type of a record in each call.
+
+    That takes twice as long as deciding in a state.
+    """
+
     in_lanes: bool
     constants: FloatArray
 
@@ -93,7 +104,7 @@ def scratch_for(members: int, states: int, in_lanes: bool, method: Method) -> Sc
 @kernel
 def chunk_size(objective: Objective, method: Method) -> int:
     """Number of states that are solved together."""
-    return max(1, CHUNK // method.initial) if objective.in_lanes else 1
+    return max(1, CHUNK // method.initial) if objective.in_lanes else FEW
 
 
 @kernel
@@ -240,9 +251,16 @@ def solve_chunk(
 
 @allocating_kernel
 def minimise_batch(
-    rows: tuple[int, int], objective: Objective, batch: Batch, method: Method, results: Results
+    rows: tuple[int, int],
+    evaluate: Any,
+    evaluate_lanes: Any,
+    shared: Shared,
+    batch: Batch,
+    method: Method,
+    results: Results,
 ) -> None:
     """Solve the states ``rows[0]`` to ``rows[1] - 1`` and verify the answers."""
+    objective = Objective(evaluate, evaluate_lanes, shared.in_lanes, shared.constants)
     members, chunk = batch.sets.shape[1], chunk_size(objective, method)
     scratch = scratch_for(members, min(chunk, rows[1] - rows[0]), objective.in_lanes, method)
     for first in range(rows[0], rows[1], chunk):

@@ -15,7 +15,7 @@ from ..nlp.program import Nlp
 from ..problems.formation import formation_nlp
 from ..typing import FloatArray
 from .lane_objective_kernels import LANE_KERNELS
-from .multistart_kernels import Objective
+from .multistart_kernels import Shared
 from .objective_kernels import FEW, MANY
 from .spectral_kernels import LARGE_SWARM
 
@@ -58,10 +58,11 @@ class CompiledObjective:
         return _evaluate(self.source, self.large)
 
     @property
-    def kernels(self) -> Objective:
-        """The compiled functions and constants."""
-        lanes = _evaluate_lanes(self.lanes) if self.lanes else self.evaluate
-        return Objective(self.evaluate, lanes, bool(self.lanes), self.constants)
+    def kernels(self) -> tuple[Any, Any, Shared]:
+        """The compiled functions and constants, as `minimise_batch` takes them."""
+        evaluate = self.evaluate
+        lanes = _evaluate_lanes(self.lanes) if self.lanes else evaluate
+        return evaluate, lanes, Shared(bool(self.lanes), self.constants)
 
 
 @locked_cache(maxsize=64)

@@ -215,7 +215,7 @@ def _compiled_run(
         sets=instances.feasible_set.packed,
     )
     results = Results.empty(x0.shape)
-    arguments = compiled.kernels, data, method, results
+    arguments = *compiled.kernels, data, method, results
     seconds = execute(minimise_batch, len(x0), arguments, per_thread)
     return BatchRun(results, seconds, instances)
 

@@ -29,6 +29,7 @@ from .multistart_kernels import (
     Batch,
     Objective,
     Scratch,
+    Shared,
     chunk_size,
     scratch_for,
     solve_chunk,
@@ -314,7 +315,9 @@ def pose(
 @allocating_kernel
 def decide_states(
     rows: tuple[int, int],
-    objective: Objective,
+    evaluate: Any,
+    evaluate_lanes: Any,
+    shared: Shared,
     states: States,
     terms: Terms,
     method: Method,
@@ -322,6 +325,7 @@ def decide_states(
     results: StepResults,
 ) -> None:
     """Decide in the states ``rows[0]`` to ``rows[1] - 1``."""
+    objective = Objective(evaluate, evaluate_lanes, shared.in_lanes, shared.constants)
     n, chunk = states.alive.shape[1], chunk_size(objective, method)
     size = min(chunk, rows[1] - rows[0])
     scratch = scratch_for(n, size, objective.in_lanes, method)

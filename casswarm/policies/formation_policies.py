@@ -205,7 +205,7 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
     starts = compiled.starts
     method = solver.batch.method(starts, n)
-    arguments = compiled.kernels, task.states, task.terms, method, limits, results
+    arguments = *compiled.kernels, task.states, task.terms, method, limits, results
     execute(decide_states, batch, arguments, _PER_THREAD // starts)
     failures, fallbacks = np.zeros(batch, np.int64), np.zeros(batch, np.int64)
     if np.count_nonzero(results.accepted) < batch:

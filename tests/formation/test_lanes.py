@@ -31,7 +31,7 @@ ZONED = csw.Saturation(((4.4, 4.6),), zones=(Zone(((0.5, 0.2),), 1.0, 0.7, 0.4),
 
 def rates_in_lanes(hazard, n):
     """Python function of the objective in lanes."""
-    evaluate = formation_objective(hazard, n, True).kernels.evaluate_lanes
+    evaluate = formation_objective(hazard, n, True).kernels[1]
     return numba.njit(lambda *arguments: evaluate(*arguments))  # noqa: PLW0108  (a CFunc)
 
 
@@ -121,16 +121,14 @@ def test_answer_does_not_depend_on_other_states_of_batch(name, count):
 
 def coarse_ends(formation, starts):
     """Ends and objectives of tasks, start i of problem i modulo their number."""
-    objective = formation.nlp.attached(CompiledObjective).kernels
+    _, evaluate_lanes, shared = formation.nlp.attached(CompiledObjective).kernels
     instances, tasks = formation.instances, len(starts)
     sets = instances.feasible_set.packed
     problem = np.arange(tasks) % len(sets)
     out = Tasks(problem, starts.copy(), np.empty(tasks), np.zeros((tasks, 2), np.int64))
     limits = Limits(1e-6, 0.0, 500)
     jobs = Jobs(instances.p.copy(), sets, instances.scale.copy(), out, tasks, limits)
-    solve_jobs(
-        objective.evaluate_lanes, objective.constants, jobs, empty_lanes(starts.shape[1] // 2)
-    )
+    solve_jobs(evaluate_lanes, shared.constants, jobs, empty_lanes(starts.shape[1] // 2))
     return out
 
 
@@ -155,7 +153,7 @@ def test_ends_do_not_depend_on_number_of_tasks(count, seed):
     expected = coarse_ends(formation, starts)
     first = rng.integers(0, 71 - count)
     some = formations("paper-1", 70)[1].instances[first : first + count]
-    objective = formation.nlp.attached(CompiledObjective).kernels
+    _, evaluate_lanes, shared = formation.nlp.attached(CompiledObjective).kernels
     out = Tasks(np.arange(count), some.x0.copy(), np.empty(count), np.zeros((count, 2), np.int64))
     jobs = Jobs(
         some.p.copy(),
@@ -165,5 +163,5 @@ def test_ends_do_not_depend_on_number_of_tasks(count, seed):
         count,
         Limits(1e-6, 0.0, 500),
     )
-    solve_jobs(objective.evaluate_lanes, objective.constants, jobs, empty_lanes(5))
+    solve_jobs(evaluate_lanes, shared.constants, jobs, empty_lanes(5))
     np.testing.assert_array_equal(out.x, expected.x[first : first + count])
