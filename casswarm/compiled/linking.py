@@ -14,6 +14,7 @@ its inside has changed, `casswarm.compiled.plain` has the same functions.
 from __future__ import annotations
 
 import gc
+import operator
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -50,6 +51,8 @@ from numba.experimental import function_type  # noqa: F401  (how kernels call a 
 from .cache import CompiledForm, compiled_files
 
 _MANGLED = "_ZN"  # how names of compiled functions begin
+
+_OPERATORS = {each for each in vars(operator).values() if callable(each)}
 
 _PASSES = (
     TranslateByteCode,
@@ -212,8 +215,9 @@ class _Typing:
     def resolve_function_type(self, function: Any, arguments: Any, keywords: Any) -> Any:
         """Signature of a call."""
         resolve = self._context.resolve_function_type
+        is_operator = isinstance(function, Function) and function.typing_key in _OPERATORS
         numbers = all(isinstance(each, (Boolean, Float, Integer)) for each in arguments)
-        if keywords or not numbers or not isinstance(function, Function):
+        if not (is_operator and numbers):
             return resolve(function, arguments, keywords)
         key = function, tuple(arguments)
         if key not in self._found:
