@@ -9,9 +9,9 @@ Run with the installed package, and with PyTorch, Stable-Baselines3 and TorchRL
 All of them are proximal policy optimisation (Schulman and others, 2017) with the shaped reward of
 `casswarm.envs`: by Stable-Baselines3, by the loss and the advantages of TorchRL, and written out,
 as CleanRL does. The first has a network for the whole swarm; the others have one that every member
-applies to its own observation and index. They learn what is added to the velocity towards the guide's
-reference (residual policies: Johannink and others, ICRA 2019): from velocities at random, no run
-arrives in 300,000 steps. `guided` is the policy without training.
+applies to its own observation and index. They learn what is added to the velocity towards the
+guide's reference (residual policies: Johannink and others, ICRA 2019): from velocities at random,
+no run arrives in 300,000 steps. `guided` is the policy without training.
 
 Success is not that of the training's runs: it has proven bounds, or (exact: False) an interval with
 95 % confidence.
@@ -177,9 +177,7 @@ def rollout(env: SwarmVectorEnv, observations: Any, actor: Actor) -> TensorDict:
 
 def rollouts(task: Task, actor: Actor) -> Iterator[TensorDict]:
     """Data of a training, collected by the actor as it is at the time."""
-    env = SwarmVectorEnv(
-        task.scenario, ENVIRONMENTS, autoreset_mode="SameStep", **task.options
-    )
+    env = SwarmVectorEnv(task.scenario, ENVIRONMENTS, autoreset_mode="SameStep", **task.options)
     observations = torch.as_tensor(env.reset(seed=task.seed)[0])
     for _ in range(task.steps // (ENVIRONMENTS * HORIZON)):
         data = rollout(env, observations, actor)

@@ -4,6 +4,7 @@ from .bounds.risk_bound import Certificate
 from .bounds.success_bound import SuccessBound, success_bound
 from .chain.distribution import Estimate, OutcomeDistribution
 from .chain.markov_chain import MarkovChain
+from .chain.prediction import StatePrediction
 from .comparison import Comparison, Problem, Tolerances, compare, read_problems
 from .errors import (
     CasswarmError,
@@ -41,6 +42,7 @@ from .studies.evaluation import (
     estimate,
     evaluate,
     markov_chain,
+    predict_states,
     success_gradient,
 )
 from .studies.information import value_of_information
@@ -101,6 +103,7 @@ __all__ = [
     "Solution",
     "Solver",
     "SolverError",
+    "StatePrediction",
     "Status",
     "Study",
     "SuccessBound",
@@ -134,6 +137,7 @@ __all__ = [
     "plan_baseline",
     "plan_swarm",
     "plan_swarm_mixture",
+    "predict_states",
     "read_problems",
     "runs_needed",
     "save_scenario",

@@ -60,18 +60,20 @@ def evaluate(
 ) -> None:
     """Compute success probabilities exactly.
 
-    Bounds how often the swarm reaches the target from below and above, without sampling. Prints a
-    table and writes distributions.csv, arrival.csv (probability of the first arrival at every
-    step), survivors.csv, members.csv (survival of every member), population.csv (number alive at
-    every step), run.json and the figures success, arrival, population and survival, which casswarm
-    plot draws again. If the hazard is not known (hazard.case), all of them are for the prior, and
-    cases.csv and the figure cases also have the success in every case.
+    Bounds how often the swarm reaches the target from below and above, without sampling. Predicts
+    the number of states before, and the memory that they take. Prints a table and writes
+    distributions.csv, arrival.csv (probability of the first arrival at every step), survivors.csv,
+    members.csv (survival of every member), population.csv (number alive at every step), run.json
+    and the figures success, arrival, population and survival, which casswarm plot draws again. If
+    the hazard is not known (hazard.case), all of them are for the prior, and cases.csv and the
+    figure cases also have the success in every case.
 
     \b
     Examples:
       casswarm evaluate paper-1
       casswarm evaluate paper-2 --policy leader --tolerance 1e-4
       casswarm evaluate paper-1 --tolerance 1e-6 --aggregation-tol 1e-6
+      casswarm evaluate paper-2 --policy leader --tolerance 1e-5 --memory 100
       casswarm evaluate large-swarm --policy leader --runs 2000
       casswarm evaluate two-gaps --policy leader --policy joint --information
     """
@@ -94,6 +96,9 @@ def evaluate(
         distributions, estimates = [], []
         for policy in chosen_policies:
             job.say(f"evaluating {getattr(policy, 'name', policy)}")
+            if not common.quiet:
+                expected = {**asdict(exact), "guide": guide, "solver": policies.solver}
+                job.say(str(csw.predict_states(chosen, policy, **expected)))
             if sampling.runs is None:
                 distributions.append(csw.evaluate(chosen, policy, **shared))
             else:

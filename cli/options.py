@@ -392,6 +392,11 @@ class ExactOptions:
         "commands. [default: 1.2e-7 v_max dt, the accuracy of solvers]",
         type=Number(0),
     )
+    memory: float | None = option(
+        "Megabytes that states may take; the least probable beyond it are left out, and the bounds "
+        "are wider. [default: 537]",
+        type=Number(1),
+    )
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import click
@@ -84,7 +84,8 @@ def sweep(
     if method.runs is None:
         refuse("nothing is sampled without --runs", "seed")
     else:
-        refuse("nothing is enumerated with --runs", "tolerance", "max_states", "aggregation_tol")
+        names = [each.name for each in fields(ExactOptions)]
+        refuse("nothing is enumerated with --runs", *names)
     grid = _grid(common.settings)
     with work(common) as job:
         chosen = csw.load_scenario(common.scenario, allow_code=common.allow_code)

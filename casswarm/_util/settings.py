@@ -33,6 +33,9 @@ class Accuracy:
         are wider.
     aggregation_tol : float, optional
         Spacing of the lattice of positions, in units of length: see `evaluate`.
+    memory : float, optional
+        Megabytes that states may take, at least 1; the least probable beyond it are left out, and
+        the bounds are wider. By default 537.
 
     Examples
     --------
@@ -45,6 +48,7 @@ class Accuracy:
     tolerance: float | None = None
     max_states: int | None = None
     aggregation_tol: float | None = None
+    memory: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +96,7 @@ class EvaluationKeywords(SavedKeywords, total=False):
 
     max_states: int | None
     aggregation_tol: float | None
+    memory: float | None
 
 
 class Keywords(EvaluationKeywords, total=False):
@@ -102,8 +107,9 @@ class Keywords(EvaluationKeywords, total=False):
 
 
 EXACT = {"tolerance": 1e-3, "max_states": None, "aggregation_tol": None}
+ENUMERATED = EXACT | {"memory": None}
 SAVED = {"progress": None, "checkpoint": None, "if_exists": "error"}
-"""Defaults of functions that enumerate states, and of those that save what they compute."""
+"""Defaults of functions of the chain, of those of its law, and of those that save results."""
 
 
 def given_values(

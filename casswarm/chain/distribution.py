@@ -159,8 +159,9 @@ class OutcomeDistribution(Displayed):
             return ""
         return (
             f"state budget exhausted before a width of {self.tolerance:g} was reached: allow more "
-            "states (--max-states, max_states=), sample the residual mass (--runs, csw.estimate), "
-            "or round the motion to a coarser lattice (--aggregation-tol, aggregation_tol=)"
+            "states (--max-states, max_states=) or memory (--memory, memory=), sample the residual "
+            "mass (--runs, csw.estimate), or round the motion to a coarser lattice "
+            "(--aggregation-tol, aggregation_tol=)"
         )
 
 

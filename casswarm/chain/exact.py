@@ -35,7 +35,7 @@ FIRST_THRESHOLD = 1e-3  # the first threshold, in tolerances
 MAX_FACTOR = 8.0  # between the thresholds of successive rounds
 PRUNING_FACTOR = 1e-3  # outcomes less probable than this, in thresholds, are pruned
 BATCH = 1 << 16  # members solved at once: bounds memory
-MAX_BYTES = 1 << 28  # of the states of the frontier
+MAX_BYTES = 1 << 29  # of the states of the frontier, and of copies of them
 
 _BINS = 4400  # of masses
 _BEFORE_MERGING = 0.1  # of the mass that may be left out: before equal outcomes are identified
@@ -59,6 +59,8 @@ class ExpansionOptions:
         would lose more is not split.
     min_probability : float
         States less probable than this are not solved.
+    max_bytes : int
+        Memory of the states that wait to be solved; the least probable beyond it are pruned.
     """
 
     tolerance: float
@@ -66,6 +68,7 @@ class ExpansionOptions:
     lattice: Lattice | None = None
     max_pruned_fraction: float = math.inf
     min_probability: float = 0.0
+    max_bytes: int = MAX_BYTES
 
 
 class Edges(NamedTuple):
@@ -189,7 +192,7 @@ class StateSpaceExpansion:
                         batch.alive.sum(axis=1), batch.weights, len(self.survivors)
                     )
                     self.members += batch.weights @ batch.alive
-            self.pruned += self.frontier.prune(self._max_stored)
+            self.pruned += self.frontier.prune(self.max_stored)
             if rows.size and progress is not None:
                 residual = self.frontier.mass + float(self.pruned.sum())
                 progress(self.policy.name, 1.0 - residual, 1.0)
@@ -219,7 +222,8 @@ class StateSpaceExpansion:
         totals = Totals.zeros(*states.alive.shape)._replace(
             population=self.population[step + 1], members=self.members
         )
-        added, limits = 0, (self._cutoff(threshold), self.options.max_pruned_fraction)
+        options, added = self.options, 0
+        limits = self._cutoff(threshold), options.max_pruned_fraction, options.max_bytes // 8
         for batch in outcomes(move.step(states), totals, *limits):
             self.arrival[step + 1] += totals.arrival[0]
             self.survivors += totals.survivors
@@ -227,8 +231,8 @@ class StateSpaceExpansion:
             copies = Outcomes._make(array.copy() for array in batch)
             self.frontier.add(step + 1, move.following(*copies).aggregated()[0])
             added += len(batch.masses)
-            if added > self._max_stored:
-                self.pruned += self.frontier.prune(self._max_stored)
+            if added > self.max_stored:
+                self.pruned += self.frontier.prune(self.max_stored)
                 added = 0
         pruned = totals.pruned
         if (pruned < 0).any():
@@ -244,9 +248,14 @@ class StateSpaceExpansion:
         return PRUNING_FACTOR * threshold if enumerable else PRUNING_FACTOR**2 * threshold
 
     @property
-    def _max_stored(self) -> int:
+    def max_stored(self) -> int:
         """Largest number of states in the frontier."""
-        return max(1024, MAX_BYTES // (33 * self.scenario.n + 8))
+        return max(1024, self.options.max_bytes // self.bytes_per_state)
+
+    @property
+    def bytes_per_state(self) -> int:
+        """Memory of a state of the frontier: two positions, velocities, flags and weights."""
+        return 2 * (33 * self.scenario.n + 8)
 
     def layers(self, absorption: Callable[[Transition], FloatArray]) -> tuple[list[Layer], float]:
         """Expand every step once, and keep the edges; if not all states fit, the most probable.

@@ -46,6 +46,7 @@ class Purpose(IntEnum):
     PILOT = 1
     STRATA = 2
     CASES = 3
+    PREDICTION = 4
 
 
 def uniforms(
@@ -341,7 +342,7 @@ class Chain:
         initial = States.initial(self.scenario, self.initial_velocities, weighs=policy.weighs_cases)
         starts = np.zeros((2, runs), np.int64)
         starts[0] = self.true_cases(first, runs)
-        batch = _RunBatch(initial, starts, save_trajectories)
+        batch = RunBatch(initial, starts, save_trajectories)
         return batch.finish(self, policy, first, progress)
 
     def true_cases(self, first: int, runs: int) -> IntArray:
@@ -368,7 +369,7 @@ class Chain:
         progress : Progress, optional
             As in `run`.
         """
-        batch = _RunBatch(states, np.stack([np.arange(len(states)), steps]))
+        batch = RunBatch(states, np.stack([np.arange(len(states)), steps]))
         return batch.finish(self, policy, progress=progress)
 
 
@@ -386,7 +387,7 @@ def _outside(scenario: Scenario, positions: FloatArray, alive: BoolArray) -> Flo
     return np.where(np.isfinite(nearest), nearest, np.nan)
 
 
-class _RunBatch:
+class RunBatch:
     """Runs that advance together, each from a row of `initial` and a step: `starts` (2, R)."""
 
     def __init__(self, initial: States, starts: IntArray, save_trajectories: int = 0) -> None:
@@ -471,5 +472,9 @@ class _RunBatch:
         runs_on = alive.any(axis=1) & ~arrived
         self.running[active] = runs_on[child]
         self.row[active] = (np.cumsum(runs_on) - 1)[child]
-        weights = np.ones(int(runs_on.sum()))
+        weights = self.weights(parent[runs_on], alive[runs_on], survival)
         self.set_table(move.following(parent[runs_on], alive[runs_on], weights))
+
+    def weights(self, parents: IntArray, alive: BoolArray, survival: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Weights of the states (K,) that follow from rows of the table."""
+        return np.ones(len(parents))

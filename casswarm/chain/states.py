@@ -401,9 +401,13 @@ def group(words: NDArray[Any], slots: IntArray, first: IntArray, inverse: IntArr
 
 
 def outcomes(
-    step: Step, totals: Totals, cutoff: float = 0.0, max_pruned_fraction: float = math.inf
+    step: Step,
+    totals: Totals,
+    cutoff: float = 0.0,
+    max_pruned_fraction: float = math.inf,
+    max_bytes: int = OUTCOME_BYTES,
 ) -> Iterator[Outcomes]:
-    """Yield the outcomes in which the run goes on, in batches of `OUTCOME_BYTES`.
+    """Yield the outcomes in which the run goes on, in batches.
 
     Parameters
     ----------
@@ -416,6 +420,8 @@ def outcomes(
     max_pruned_fraction : float
         Largest fraction of a state's probability that may be pruned; a state that would lose more
         is not split.
+    max_bytes : int
+        Memory of the states that a batch leads to.
 
     Yields
     ------
@@ -423,7 +429,7 @@ def outcomes(
         Views of a buffer, which the next batch overwrites.
     """
     count, n = step.alive.shape
-    size = min(OUTCOME_BYTES // (33 * n + 8), count << min(n, 20))
+    size = min(max(1, max_bytes // (33 * n + 8)), count << min(n, 20))
     buffer = Outcomes(np.empty(size, np.int64), np.empty((size, n), bool), np.empty(size))
     first = 0
     while first < count:

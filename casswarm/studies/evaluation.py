@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from typing_extensions import Unpack
 from .._util.numbers import require_seed, rounded_up
 from .._util.progress import reporter
 from .._util.settings import (
+    ENUMERATED,
     EXACT,
     Accuracy,
     EvaluationKeywords,
@@ -21,12 +23,19 @@ from .._util.settings import (
     Keywords,
     given_values,
 )
-from .._util.text import counted
+from .._util.text import counted, shown
 from ..chain.distribution import Estimate, OutcomeDistribution
-from ..chain.exact import MAX_MEMBERS, ExpansionOptions, StateSpaceExpansion, sample_residual
+from ..chain.exact import (
+    MAX_BYTES,
+    MAX_MEMBERS,
+    ExpansionOptions,
+    StateSpaceExpansion,
+    sample_residual,
+)
 from ..chain.gradient import success_and_gradient
 from ..chain.markov_chain import MarkovChain, markov_chain_of
 from ..chain.monte_carlo import Chain
+from ..chain.prediction import StatePrediction, predicted
 from ..errors import CasswarmWarning, PolicyError
 from ..guide.guide import Guide
 from ..policies.parametric import ParametricPolicy
@@ -48,11 +57,9 @@ MAX_STATES = 1_000_000
 MAX_STATES_OF_LARGE = 10_000  # with more than MAX_MEMBERS members
 MAX_STATES_OF_GRADIENT = 200_000
 
-MAX_PRUNED_FRACTION = 1e-5
-"""Largest fraction of a state's probability that an estimate prunes when it splits the state."""
-
-VISITS = 2.0
-"""Expected visits by R plain runs to the least probable state that is enumerated."""
+MAX_PRUNED_FRACTION = 1e-5  # of a state's probability, when an estimate splits the state
+VISITS = 2.0  # expected of R plain runs to the least probable state that is enumerated
+_DEFAULTS = ENUMERATED | {"progress": None}
 
 
 def evaluate(
@@ -74,9 +81,8 @@ def evaluate(
     Parameters
     ----------
     scenario : Scenario
-        Of at most 12 members if `tolerance` is 0: all 2^n outcomes of a step are then enumerated.
-    policy : str, Policy, or as in `simulate`
-        One policy, or a list of one.
+        Of at most 12 members if `tolerance` is 0, which takes all 2^n outcomes of a step.
+    policy : str, Policy, or as in `simulate`; or a list of one
     tolerance : float
         Width of the bounds, by default 1e-3: the probability mass of unlikely states that may be
         left out.
@@ -100,6 +106,8 @@ def evaluate(
           more than the policy's solver does: 2^-23 for policies that solve formation problems, 0
           for all others. 0 rounds nothing; coarser lattices often need fewer states, for a policy
           that is rounded more.
+        - `memory`, megabytes that states may take, at least 1 and by default 537. Where that is too
+          little, the least probable states are left out, and the bounds are wider.
         - `progress`, which receives the policy's name and the enumerated probability mass, of a
           total of 1.
 
@@ -131,9 +139,9 @@ def evaluate(
     """
     require_scenario("evaluate", scenario)
     given = plain if tolerance is None else {**plain, "tolerance": tolerance}
-    values = given_values("evaluate", accuracy, execution, plain=given, **EXACT, progress=None)
-    tolerance, max_states, aggregation_tol, progress = values
-    options = _options(scenario, tolerance, max_states)
+    values = given_values("evaluate", accuracy, execution, plain=given, **_DEFAULTS)
+    tolerance, max_states, aggregation_tol, memory, progress = values
+    options = _options(scenario, tolerance, max_states, memory=memory)
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
     expansions, _ = _expanded(inputs, options, aggregation_tol)
     laws = [expansion.distribution() for expansion in expansions]
@@ -172,7 +180,8 @@ def estimate(
     accuracy, execution, **plain
         Values of `Accuracy` and `Execution`, in these records or as plain keywords:
 
-        - `tolerance`, by default 1e-3, and `max_states`, as in `evaluate`, for the enumerated part.
+        - `tolerance`, by default 1e-3, `max_states` and `memory`, as in `evaluate`, for the
+          enumerated part.
         - `aggregation_tol`, the largest spacing of the lattice of positions, in units of length, as
           in `evaluate`, for both parts.
         - `progress`: True for progress bars, or a function (see `Progress`) that receives the
@@ -192,10 +201,10 @@ def estimate(
     """
     require_scenario("estimate", scenario)
     runs, seed = require_runs("runs", runs), require_seed(seed)
-    values = given_values("estimate", accuracy, execution, plain=plain, **EXACT, progress=None)
-    tolerance, max_states, aggregation_tol, progress = values
+    values = given_values("estimate", accuracy, execution, plain=plain, **_DEFAULTS)
+    tolerance, max_states, aggregation_tol, memory, progress = values
     options = replace(
-        _options(scenario, tolerance, max_states),
+        _options(scenario, tolerance, max_states, memory=memory),
         max_pruned_fraction=MAX_PRUNED_FRACTION,
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
@@ -204,6 +213,46 @@ def estimate(
     chain = Chain(scenario, posed.velocities, seed, lattice=expansions[0].options.lattice)
     sampled = [sample_residual(expansion, chain, runs, inputs[-1]) for expansion in expansions]
     return Estimate.of_cases(_weighted(scenario, sampled))
+
+
+def predict_states(
+    scenario: Scenario,
+    policy: Any = "leader",
+    tolerance: float | None = None,
+    *,
+    guide: Guide | None = None,
+    solver: str | Solver = "auto",
+    solver_options: Mapping[str, Any] | None = None,
+    accuracy: Accuracy | None = None,
+    **plain: Unpack[EvaluationKeywords],
+) -> StatePrediction:
+    """Predict how many states `evaluate` will solve, and the memory that they take.
+
+    It follows from the states that at most 16,000 sampled runs visit: ``docs/chain.md``.
+
+    Parameters
+    ----------
+    scenario, policy, tolerance, guide, solver, solver_options, accuracy, **plain
+        As in `evaluate`, whose errors are raised.
+
+    Returns
+    -------
+    StatePrediction
+        Of a hazard that is not known, for the first case.
+
+    Examples
+    --------
+    >>> import casswarm as csw
+    >>> 300 < csw.predict_states(csw.load_scenario("paper-1"), "leader").states < 10_000
+    True
+    """
+    require_scenario("predict_states", scenario)
+    given = plain if tolerance is None else {**plain, "tolerance": tolerance}
+    values = given_values("predict_states", accuracy, plain=given, **ENUMERATED)
+    tolerance, max_states, aggregation_tol, memory = values
+    options = _options(scenario, tolerance, max_states, memory=memory)
+    inputs = scenario, policy, guide, solver, solver_options
+    return predicted(_expansions(inputs, options, aggregation_tol)[0][0])
 
 
 def markov_chain(
@@ -271,7 +320,11 @@ def _weighted(scenario: Scenario, answers: Sequence[T]) -> list[tuple[float, T]]
 
 
 def _options(
-    scenario: Scenario, tolerance: float, max_states: int | None, most: int = MAX_STATES
+    scenario: Scenario,
+    tolerance: float,
+    max_states: int | None,
+    most: int = MAX_STATES,
+    memory: float | None = None,
 ) -> ExpansionOptions:
     """Validated options of the enumeration, of at most `most` states by default."""
     if not 0 <= tolerance < 1:
@@ -282,7 +335,10 @@ def _options(
         raise ValueError(f"max_states = {max_states}; allowed: whole numbers from 1")
     if tolerance == 0:
         _require_few(scenario, "a tolerance of 0 is", "give a larger tolerance")
-    return ExpansionOptions(tolerance, max_states)
+    if memory is not None and not 1 <= memory < math.inf:
+        raise ValueError(f"memory = {shown(memory)}; allowed: megabytes from 1")
+    max_bytes = MAX_BYTES if memory is None else int(1e6 * memory)
+    return ExpansionOptions(tolerance, max_states, max_bytes=max_bytes)
 
 
 def _require_few(scenario: Scenario, what: str, advice: str) -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 from typing_extensions import Unpack
 
 from .._util.progress import reporter
-from .._util.settings import EXACT, Accuracy, Execution, Keywords, given_values
+from .._util.settings import ENUMERATED, Accuracy, Execution, Keywords, given_values
 from ..bounds.success_bound import success_bound
 from ..chain.distribution import OutcomeDistribution
 from ..errors import PolicyError, ScenarioError
@@ -55,7 +55,7 @@ def value_of_information(
     solver : str
         For the formation problems.
     accuracy, execution, **plain
-        `tolerance`, `max_states` and `aggregation_tol` as in `evaluate`, and `progress`.
+        `tolerance`, `max_states`, `aggregation_tol` and `memory` as in `evaluate`, and `progress`.
 
     Returns
     -------
@@ -85,9 +85,8 @@ def value_of_information(
     True
     """
     require_scenario("value_of_information", scenario)
-    values = given_values(
-        "value_of_information", accuracy, execution, plain=plain, **EXACT, progress=None
-    )
+    defaults = {**ENUMERATED, "progress": None}
+    values = given_values("value_of_information", accuracy, execution, plain=plain, **defaults)
     *exact, progress = values
     names = policy_list(policies)
     if not all(isinstance(name, str) for name in names):
@@ -105,7 +104,7 @@ def value_of_information(
     planner = guide_solver(solver)
     guides = [plan(case.scenario, planner, certify=False) for case in scenario.cases]
     guide = plan(scenario.believed, planner, certify=False) if guide is None else guide
-    options = dict(zip(EXACT, exact, strict=True)) | {"solver": solver, "progress": progress}
+    options = dict(zip(ENUMERATED, exact, strict=True)) | {"solver": solver, "progress": progress}
     bound, rows = success_bound(scenario).value, []
     for name in names:
         known = [

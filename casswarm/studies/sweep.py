@@ -21,7 +21,7 @@ from .._util.display import Displayed
 from .._util.numbers import require_seed
 from .._util.parts import part_of
 from .._util.progress import reporter
-from .._util.settings import EXACT, SAVED, Accuracy, Execution, Keywords, given_values
+from .._util.settings import ENUMERATED, SAVED, Accuracy, Execution, Keywords, given_values
 from .._util.text import counted
 from ..errors import CasswarmError, ScenarioError
 from ..guide.agent import guide_solver
@@ -211,7 +211,8 @@ def sweep(
     accuracy, execution, **plain
         Values of `Accuracy` and `Execution`, in these records or as plain keywords:
 
-        - `tolerance`, by default 1e-3, `max_states` and `aggregation_tol` as in `evaluate`.
+        - `tolerance`, by default 1e-3, `max_states`, `aggregation_tol` and `memory` as in
+          `evaluate`.
         - `workers` as in `simulate`; the jobs are sweep points.
         - `checkpoint` and `if_exists` as in `simulate`; every sweep point is saved when it is
           finished.
@@ -227,13 +228,14 @@ def sweep(
         As in `simulate`.
     """
     require_scenario("sweep", scenario)
-    values = given_values("sweep", accuracy, execution, plain=plain, **EXACT, workers=1, **SAVED)
+    defaults = {**ENUMERATED, "workers": 1, **SAVED}
+    values = given_values("sweep", accuracy, execution, plain=plain, **defaults)
     *exact, workers, progress, checkpoint, if_exists = values
     require_workers(workers)
     seed, progress = require_seed(seed), reporter(progress)
     grid = _checked_settings(scenario, settings)
     sampled = {"runs": int(runs), "seed": seed} if runs is not None else None
-    options = {"solver": solver, **(sampled or dict(zip(EXACT, exact, strict=True)))}
+    options = {"solver": solver, **(sampled or dict(zip(ENUMERATED, exact, strict=True)))}
     listed = policy_list(policies)
     make_solver(solver)
     points = [

@@ -57,13 +57,14 @@ CALLS: dict[str, Callable[..., Any]] = {
     "estimate": partial(csw.estimate, SINGLE, "naive", 50),
     "sweep": partial(csw.sweep, SINGLE, {"formation.rho": [0.1]}, ["naive"]),
     "markov_chain": partial(csw.markov_chain, PAPER, "naive"),
+    "predict_states": partial(csw.predict_states, SINGLE, "naive"),
     "success_gradient": partial(csw.success_gradient, PAPER, POLICY),
     "simulate": partial(csw.simulate, SINGLE, ["naive"], 5),
     "compare": partial(csw.compare, "quick", ["ipopt"], count=1),
     "plan": partial(csw.plan, SINGLE),
     "plan_swarm": partial(csw.plan_swarm, SINGLE),
 }
-SILENT = ("markov_chain", "success_gradient")  # without progress
+SILENT = ("markov_chain", "predict_states", "success_gradient")  # without progress
 REPORTING = {name: call for name, call in CALLS.items() if name not in SILENT}
 
 

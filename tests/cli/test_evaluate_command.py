@@ -1,0 +1,30 @@
+"""casswarm evaluate says what it will need, and keeps to a limit of memory."""
+
+import json
+
+from commands import casswarm
+
+GAUNTLET = ("evaluate", "gauntlet", "--policy", "leader", "--no-figures")
+
+
+def test_states_and_memory_are_predicted_before_the_work(tmp_path):
+    arguments = "evaluate", "paper-1", "--policy", "leader", "--no-figures"
+    done = casswarm(tmp_path, *arguments)
+    assert "\nabout 2,000 states, less than 1 MB\n" in done.stderr
+    quiet = casswarm(tmp_path, *arguments, "--quiet")
+    assert "about" not in quiet.stderr
+    assert quiet.stdout == done.stdout
+
+
+def test_memory_that_does_not_suffice_widens_the_bounds(tmp_path):
+    done = casswarm(tmp_path, *GAUNTLET, "--memory", 1)
+    assert "states, 1 MB; limits come before the tolerance\n" in done.stderr
+    assert "or memory (--memory, memory=)" in " ".join(done.stdout.split())
+    (record,) = tmp_path.rglob("run.json")
+    inputs = json.loads(record.read_text())["inputs"]
+    assert inputs["memory"] == 1
+
+
+def test_impossible_memory_is_one_line(tmp_path):
+    done = casswarm(tmp_path, *GAUNTLET, "--memory", 0.5, code=2)
+    assert "--memory" in done.stderr
