@@ -24,7 +24,7 @@ from .monte_carlo import Chain, Purpose, RunBatch
 from .states import States
 
 RUNS = (250, 1000, 4000, 16_000)
-ENOUGH = 4000  # states that are solved for a prediction, about
+ENOUGH = 10_000  # states that are solved for a prediction, about
 _TAIL = 20  # runs from which a fraction is estimated
 _USED = 0.9  # part of the tolerance that an enumeration uses
 
@@ -36,7 +36,7 @@ class StatePrediction:
     Parameters
     ----------
     states : int
-        Number of states that it solves, within a factor of ten, mostly too many.
+        Number of states that it solves: mostly too many, by up to a factor of about ten.
     megabytes : float
         Memory that the states take.
     limited : bool
@@ -49,7 +49,7 @@ class StatePrediction:
     limited: bool
 
     def __str__(self) -> str:
-        memory = f"{self.megabytes:.0f} MB" if self.megabytes >= 1.0 else "less than 1 MB"
+        memory = f"{self.megabytes:.0f} MB" if self.megabytes >= 0.5 else "less than 1 MB"
         text = f"about {float(f'{self.states:.1g}'):,.0f} states, {memory}"
         return f"{text}; limits come before the tolerance" if self.limited else text
 

@@ -10,7 +10,7 @@ GAUNTLET = ("evaluate", "gauntlet", "--policy", "leader", "--no-figures")
 def test_states_and_memory_are_predicted_before_the_work(tmp_path):
     arguments = "evaluate", "paper-1", "--policy", "leader", "--no-figures"
     done = casswarm(tmp_path, *arguments)
-    assert "\nabout 2,000 states, less than 1 MB\n" in done.stderr
+    assert "\nabout 2,000 states, 1 MB\n" in done.stderr
     quiet = casswarm(tmp_path, *arguments, "--quiet")
     assert "about" not in quiet.stderr
     assert quiet.stdout == done.stdout
