@@ -324,6 +324,11 @@ def trained(learner: str, task: Task) -> csw.Policy:
     return csw.as_policy(model, task.scenario, name=name, observed_guide=task.guide)
 
 
+def sb3_policy(scenario: Scenario, guide: Guide) -> csw.Policy:
+    """The policy of an entry of the leaderboard."""
+    return trained("sb3", Task(scenario, guide, 0, STEPS))
+
+
 def row(learner: str, task: Task) -> dict[str, Any]:
     """A row of the table."""
     scenario, started = task.scenario, time.process_time()

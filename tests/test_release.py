@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 from commands import casswarm
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -66,3 +67,18 @@ def test_container_copies_what_exists_and_runs_a_command() -> None:
     assert {"casswarm", *parts} <= set(copied)
     command = json.loads(next(line for line in lines if line.startswith("CMD "))[4:])
     assert command[:3] == ["reproduce", "--only", "table-2"]
+
+
+def test_conda_recipe_has_version_and_dependencies_of_project() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    recipe = yaml.safe_load((ROOT / "docs" / "conda-recipe.yaml").read_text("utf-8"))
+    assert recipe["context"]["version"] == project["version"]
+    assert f">={recipe['context']['python_min']}" == project["requires-python"]
+    of_conda = {"matplotlib": "matplotlib-base"}  # without the bindings of a window system
+    expected = {
+        f"{of_conda.get(each.name, each.name)} {each.specifier}"
+        for each in map(Requirement, project["dependencies"])
+    }
+    run = set(recipe["requirements"]["run"])
+    assert run == expected | {"python >=${{ python_min }}"}
+    assert recipe["about"]["summary"] == project["description"]
