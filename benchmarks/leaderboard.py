@@ -31,6 +31,8 @@ from casswarm._util.numbers import rounded_up
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "results" / "leaderboard" / "leaderboard.csv"
 PAGE = ROOT / "docs" / "leaderboard.md"
+LEARNERS = TABLE.with_name("learners.csv")
+ENTRIES = TABLE.with_name("entries")
 
 POLICIES = ("naive", "constrained", "leader", "joint", "joint-replanning")
 TRAINED = ("alley", "barricade")
@@ -46,7 +48,7 @@ Success of policies in the built-in scenarios, best first. `trained` is the poli
 [policy gradients](policy-gradients.md#a-trained-policy); the others are
 [described here](policies.md). `python benchmarks/leaderboard.py barricade module:function` prints
 the rows of a scenario with that of a policy of your own, which the function returns for a scenario
-and a guide. To add a row to this page, give the policy a name in `benchmarks/leaderboard.py`.
+and a guide. An entry of your own, of a policy or a solver, is [a manifest](#entries).
 
 - **Success**: proven bounds at most {wide} apart, or (~) an interval with 95 % confidence, for
   which the probable states are enumerated and the rest is sampled by {runs} runs.
@@ -57,6 +59,26 @@ and a guide. To add a row to this page, give the policy a name in `benchmarks/le
   beside other work.
 - **Command**: prints the row again. `python benchmarks/leaderboard.py` makes all rows,
   [leaderboard.csv](../results/leaderboard/leaderboard.csv), and this page.
+"""
+LEARNED = """\
+## Learners
+
+Three implementations of proximal policy optimisation learn, in the
+[environments](envs.md), what is added to the velocity towards the guide: 150,000 steps, five seeds,
+the same settings in all scenarios (`python benchmarks/learners.py`). `guided` is the policy without
+training. Success is the lower end of proven bounds, or of an interval with 95 % confidence from
+{runs} runs, where states are too many; median, least and largest of the seeds. Time is CPU seconds.
+
+| scenario | learner | success, median | least to largest | regret | time, s |
+| --- | --- | --- | --- | --- | --- |""".format(runs=RUNS)
+MANIFESTS = """\
+## Entries
+
+A policy or a solver takes part by a manifest of ten lines. One command measures what it claims:
+`python benchmarks/entries.py MANIFEST...`. `source` names a function of a scenario and a guide, or
+a solver's class; claims are least values, of the success in scenarios, or of the fraction of a
+family's problems that are solved. The manifests of these entries are in
+`results/leaderboard/entries`, where yours can be proposed:
 """
 COLUMNS = ("policy", "success", "bound", "regret", "time, s", "command")
 
@@ -146,7 +168,29 @@ def page(table: pd.DataFrame) -> str:
         lines = [markdown_row(row) for row in ranked.to_dict("records")]
         head = f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}"
         parts.append("\n".join([f"## {name}\n", head, *lines, ""]))
-    return "\n".join(parts)
+    return "\n".join([*parts, learners(pd.read_csv(LEARNERS)), entries()])
+
+
+def learners(table: pd.DataFrame) -> str:
+    """The page's section of policies that were trained in the environments."""
+    lines = []
+    for (scenario, name), rows in table.groupby(["scenario", "learner"]):
+        low = rows["success_low"]
+        regret = 1.0 - low / rows["bound"]
+        ends = f"{low.median():.3f} | {low.min():.3f} to {low.max():.3f}"
+        seconds = rows["seconds"].median()
+        lines.append(f"| {scenario} | {name} | {ends} | {regret.median():.3f} | {seconds:.0f} |")
+    return "\n".join([LEARNED, *lines, ""])
+
+
+def entries() -> str:
+    """The page's section of manifests, with one of them."""
+    paths = sorted(ENTRIES.glob("*.toml"))
+    text = paths[-1].read_text(encoding="utf-8")
+    names = "\n".join(
+        f"- [{path.stem}](../{path.relative_to(ROOT).as_posix()})" for path in paths
+    )
+    return f"{MANIFESTS}\n{names}\n\n```toml\n{text}```\n"
 
 
 def renew(scenario: Scenario) -> None:
