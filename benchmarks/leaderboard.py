@@ -60,17 +60,17 @@ and a guide. An entry of your own, of a policy or a solver, is [a manifest](#ent
 - **Command**: prints the row again. `python benchmarks/leaderboard.py` makes all rows,
   [leaderboard.csv](../results/leaderboard/leaderboard.csv), and this page.
 """
-LEARNED = """\
+LEARNED = f"""\
 ## Learners
 
 Three implementations of proximal policy optimisation learn, in the
 [environments](envs.md), what is added to the velocity towards the guide: 150,000 steps, five seeds,
 the same settings in all scenarios (`python benchmarks/learners.py`). `guided` is the policy without
 training. Success is the lower end of proven bounds, or of an interval with 95 % confidence from
-{runs} runs, where states are too many; median, least and largest of the seeds. Time is CPU seconds.
+{RUNS} runs, where states are too many; median, least and largest of the seeds. Time is CPU seconds.
 
 | scenario | learner | success, median | least to largest | regret | time, s |
-| --- | --- | --- | --- | --- | --- |""".format(runs=RUNS)
+| --- | --- | --- | --- | --- | --- |"""
 MANIFESTS = """\
 ## Entries
 
@@ -187,9 +187,7 @@ def entries() -> str:
     """The page's section of manifests, with one of them."""
     paths = sorted(ENTRIES.glob("*.toml"))
     text = paths[-1].read_text(encoding="utf-8")
-    names = "\n".join(
-        f"- [{path.stem}](../{path.relative_to(ROOT).as_posix()})" for path in paths
-    )
+    names = "\n".join(f"- [{path.stem}](../{path.relative_to(ROOT).as_posix()})" for path in paths)
     return f"{MANIFESTS}\n{names}\n\n```toml\n{text}```\n"
 
 

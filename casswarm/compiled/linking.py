@@ -4,8 +4,7 @@ By default, Numba optimises a function with all that it calls and generates its 
 does the same in every function that calls it. It also generates wrappers for calls from Python,
 which for functions of many arrays take as long as the functions. Here a kernel that kernels call
 remains an intermediate representation. The kernel that Python calls is linked with all of them, and
-only then optimised and wrapped. Passes for what kernels do not contain are left out, and operators
-of numbers are resolved once for all kernels: a quarter of the rest of the time.
+only then optimised and wrapped.
 
 Numba's compiler, code library and dispatcher are subclassed; Numba itself remains as it is. Where
 its inside has changed, `casswarm.compiled.plain` has the same functions.
@@ -14,7 +13,6 @@ its inside has changed, `casswarm.compiled.plain` has the same functions.
 from __future__ import annotations
 
 import gc
-import operator
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,52 +22,16 @@ import llvmlite.binding as llvm
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, compile_result
-from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.sigutils import normalize_signature
-from numba.core.typed_passes import (
-    IRLegalization,
-    NativeLowering,
-    NoPythonBackend,
-    NopythonTypeInference,
-    PreLowerStripPhis,
-)
-from numba.core.types import Boolean, Float, Function, FunctionType, Integer
+from numba.core.types import FunctionType
 from numba.core.types.misc import unliteral
 from numba.core.typing.typeof import typeof_impl
-from numba.core.untyped_passes import (
-    DeadBranchPrune,
-    FixupArgs,
-    GenericRewrites,
-    IRProcessing,
-    ReconstructSSA,
-    RewriteSemanticConstants,
-    TranslateByteCode,
-)
 from numba.experimental import function_type  # noqa: F401  (how kernels call a callback)
 
 from .cache import CompiledForm, compiled_files
 
 _MANGLED = "_ZN"  # how names of compiled functions begin
-
-_OPERATORS = {each for each in vars(operator).values() if callable(each)}
-
-_PASSES = (
-    TranslateByteCode,
-    FixupArgs,
-    IRProcessing,
-    RewriteSemanticConstants,
-    DeadBranchPrune,
-    GenericRewrites,
-    ReconstructSSA,
-    DeadBranchPrune,
-    NopythonTypeInference,
-    PreLowerStripPhis,
-    IRLegalization,
-    NativeLowering,
-    NoPythonBackend,
-)
-"""Numba's passes, without those for closures, inlining, literals, array expressions and reports."""
 
 
 class _EntryLibrary(JITCodeLibrary):
@@ -198,47 +160,11 @@ class _Form(CompiledForm):
         return super().rebuild(target_context, payload)
 
 
-class _Typing:
-    """Numba's typing context, which tries all overloads of an operator in each use.
-
-    Those that suit numbers are found once. They depend on nothing but the types.
-    """
-
-    _found: ClassVar[dict[Any, Any]] = {}
-
-    def __init__(self, context: Any) -> None:
-        self._context = context
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._context, name)
-
-    def resolve_function_type(self, function: Any, arguments: Any, keywords: Any) -> Any:
-        """Signature of a call."""
-        resolve = self._context.resolve_function_type
-        is_operator = isinstance(function, Function) and function.typing_key in _OPERATORS
-        numbers = all(isinstance(each, (Boolean, Float, Integer)) for each in arguments)
-        if not (is_operator and numbers):
-            return resolve(function, arguments, keywords)
-        key = function, tuple(arguments)
-        if key not in self._found:
-            self._found[key] = resolve(function, arguments, keywords)
-        return self._found[key]
-
-
 class _EntryCompiler(Compiler):
     library: ClassVar[type[JITCodeLibrary]] = _EntryLibrary
 
-    def define_pipelines(self) -> list[Any]:
-        """Only the passes that kernels need."""
-        passes = PassManager("kernel")
-        for each in _PASSES:
-            passes.add_pass(each, each.__name__)
-        passes.finalize()
-        return [passes]
-
     def compile_extra(self, func: Callable[..., Any]) -> Any:
         """Compile a function into a library of its own."""
-        self.state.typingctx = _Typing(self.state.typingctx)
         library = self.library(self.state.targetctx.codegen(), func.__qualname__)
         library.origin = func.__module__, func.__qualname__, tuple(self.state.args)
         library.enable_object_caching()
