@@ -68,6 +68,7 @@ Three implementations of proximal policy optimisation learn, in the
 the same settings in all scenarios (`python benchmarks/learners.py`). `guided` is the policy without
 training. Success is the lower end of proven bounds, or of an interval with 95 % confidence from
 {RUNS} runs, where states are too many; median, least and largest of the seeds. Time is CPU seconds.
+In `gauntlet` all learners are far above `guided`; in the other two none is, in so few steps.
 
 | scenario | learner | success, median | least to largest | regret | time, s |
 | --- | --- | --- | --- | --- | --- |"""
