@@ -96,9 +96,9 @@ def evaluate(
         distributions, estimates = [], []
         for policy in chosen_policies:
             job.say(f"evaluating {getattr(policy, 'name', policy)}")
-            if not common.quiet:
+            if sampling.runs is None and not common.quiet:
                 expected = {**asdict(exact), "guide": guide, "solver": policies.solver}
-                job.say(str(csw.predict_states(chosen, policy, **expected)))
+                job.say(str(csw.predict_states(chosen, policy, **expected, time_limit=0.5)))
             if sampling.runs is None:
                 distributions.append(csw.evaluate(chosen, policy, **shared))
             else:

@@ -13,6 +13,7 @@ and extrapolated as a power of theta where the runs are too few.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,15 +101,16 @@ class _Visits(RunBatch):
         return float(low * (number / _TAIL) ** exponent)
 
 
-def predicted(expansion: StateSpaceExpansion) -> StatePrediction:
-    """What an expansion that has not begun will need."""
+def predicted(expansion: StateSpaceExpansion, time_limit: float = math.inf) -> StatePrediction:
+    """What an expansion that has not begun will need; samples grow for some seconds at most."""
+    deadline = time.monotonic() + time_limit
     scenario, policy, options = expansion.scenario, expansion.policy, expansion.options
     (initial,) = expansion.frontier.batches[0]
     chain = Chain(scenario, initial.previous_velocities[0], 0, Purpose.PREDICTION, options.lattice)
     for runs in RUNS:
         visits = _Visits(initial, runs)
         visits.finish(chain, policy)
-        if visits.solved > ENOUGH:
+        if visits.solved > ENOUGH or time.monotonic() > deadline:
             break
     threshold = 1e-300
     if options.tolerance > 0:

@@ -49,9 +49,10 @@ class Objective(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """The rest of an `Objective`: with functions, Numba finds the type of a record in each call.
+    """The rest of an `Objective`.
 
-    That takes twice as long as deciding in a state.
+    Numba finds the type of a record with functions anew in each call, which takes as long as a
+    decision in one state.
     """
 
     in_lanes: bool

@@ -49,7 +49,6 @@ from .inputs import PosedStudy, policy_list, policy_name, require_runs
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
-
 T = TypeVar("T")
 
 TOLERANCE = 1e-3
@@ -233,7 +232,7 @@ def predict_states(
     Parameters
     ----------
     scenario, policy, tolerance, guide, solver, solver_options, accuracy, **plain
-        As in `evaluate`, whose errors are raised.
+        As in `evaluate`; and `time_limit`, seconds after which no larger sample is begun.
 
     Returns
     -------
@@ -248,11 +247,12 @@ def predict_states(
     """
     require_scenario("predict_states", scenario)
     given = plain if tolerance is None else {**plain, "tolerance": tolerance}
-    values = given_values("predict_states", accuracy, plain=given, **ENUMERATED)
-    tolerance, max_states, aggregation_tol, memory = values
+    defaults = ENUMERATED | {"time_limit": math.inf}
+    values = given_values("predict_states", accuracy, plain=given, **defaults)
+    tolerance, max_states, lattice, memory, time_limit = values
     options = _options(scenario, tolerance, max_states, memory=memory)
-    inputs = scenario, policy, guide, solver, solver_options
-    return predicted(_expansions(inputs, options, aggregation_tol)[0][0])
+    posed = scenario, policy, guide, solver, solver_options
+    return predicted(_expansions(posed, options, lattice)[0][0], time_limit)
 
 
 def markov_chain(
