@@ -98,7 +98,7 @@ def evaluate(
             job.say(f"evaluating {getattr(policy, 'name', policy)}")
             if sampling.runs is None and not common.quiet:
                 expected = {**asdict(exact), "guide": guide, "solver": policies.solver}
-                job.say(str(csw.predict_states(chosen, policy, **expected, time_limit=0.5)))
+                job.say(str(csw.predict_states(chosen, policy, **expected, time_limit=3.0)))
             if sampling.runs is None:
                 distributions.append(csw.evaluate(chosen, policy, **shared))
             else:
