@@ -251,8 +251,8 @@ def predict_states(
     values = given_values("predict_states", accuracy, plain=given, **defaults)
     tolerance, max_states, lattice, memory, time_limit = values
     options = _options(scenario, tolerance, max_states, memory=memory)
-    posed = scenario, policy, guide, solver, solver_options
-    return predicted(_expansions(posed, options, lattice)[0][0], time_limit)
+    inputs = scenario, policy, guide, solver, solver_options
+    return predicted(_expansions(inputs, options, lattice)[0][0], time_limit)
 
 
 def markov_chain(
