@@ -24,10 +24,9 @@ from pathlib import Path
 from typing import Any
 
 from _timing import print_table
-from leaderboard import success_of
+from leaderboard import own_function, regret, success_of, success_text
 
 import casswarm as csw
-from casswarm._util.user_code import load
 
 KEYS = {
     "kind": str,
@@ -61,22 +60,12 @@ def manifest(path: Path) -> dict[str, Any]:
     return entry
 
 
-def source(entry: dict[str, Any], folder: Path) -> Any:
-    """The function or class that an entry names."""
-    sys.path[:0] = [str(folder), str(Path(__file__).parent)]
-    try:
-        return load(entry["source"], None)
-    except ImportError as error:
-        raise SystemExit(f"{entry['name']}: {error}") from None
-
-
 def of_policy(made: Any, name: str) -> tuple[float, str, str]:
     """Success in a scenario: its lower end, both ends in words, and the regret."""
     scenario = csw.load_scenario(name)
     guide = csw.plan(scenario)
-    low, high, exact = success_of(scenario, csw.as_policy(made(scenario, guide)), guide)
-    regret = 1.0 - low / csw.success_bound(scenario).value
-    return low, f"{'' if exact else '~ '}{low:.4f} to {high:.4f}", f"regret {regret:.3f}"
+    found = success_of(scenario, csw.as_policy(made(scenario, guide)), guide)
+    return found["success_low"], success_text(found), f"regret {regret(found):.3f}"
 
 
 def of_solver(made: Any, family: str) -> tuple[float, str, str]:
@@ -94,7 +83,7 @@ MEASURES = {"policy": of_policy, "solver": of_solver}
 def rows(path: Path) -> Iterator[list[Any]]:
     """A row for every claim of an entry."""
     entry = manifest(path)
-    made = source(entry, path.parent)
+    made = own_function(entry["source"], path.parent)
     for name, claimed in entry["claims"].items():
         value, measured, score = MEASURES[entry["kind"]](made, name)
         yield [entry["name"], name, claimed, measured, score, "yes" if value >= claimed else "no"]

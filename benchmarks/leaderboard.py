@@ -87,15 +87,15 @@ COLUMNS = ("policy", "success", "bound", "regret", "time, s", "command")
 def make_policy(name: str, scenario: Scenario, guide: Guide) -> Any:
     """The policy of a row."""
     if ":" in name:
-        return csw.as_policy(own_function(name)(scenario, guide))
+        return csw.as_policy(own_function(name, Path.cwd())(scenario, guide))
     return trained(scenario, guide) if name == "trained" else csw.make_policy(name, scenario, guide)
 
 
-def own_function(name: str) -> Any:
-    """The function of "module:function", of a module in this folder or an installed one."""
+def own_function(name: str, folder: Path) -> Any:
+    """The function of "module:function", of a module in a folder or an installed one."""
     module, _, function = name.partition(":")
     try:
-        sys.path.insert(0, str(Path.cwd()))
+        sys.path.insert(0, str(folder))
         return getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
         raise SystemExit(f"{name}: {error}; expected module:function") from None
@@ -122,24 +122,34 @@ def measured(scenario: Scenario, name: str) -> dict[str, Any]:
     """A row of the table."""
     guide, _, planned = timed(lambda: csw.plan(scenario))
     ready = timed(lambda: make_policy(name, scenario, guide))
-    low, high, exact = success_of(scenario, ready.result, guide)
+    found = success_of(scenario, ready.result, guide)
+    seconds = round(planned + ready.cpu, 1)
+    return {"scenario": scenario.name, "policy": name, **found, "seconds": seconds}
+
+
+def success_of(scenario: Scenario, policy: Any, guide: Guide) -> dict[str, Any]:
+    """Ends of a policy's success, whether they are proven bounds, and the bound of all policies."""
+    low, high = csw.evaluate(scenario, policy, max_states=STATES, guide=guide).success
+    exact = high - low <= WIDE
+    if not exact:
+        low, high = csw.estimate(scenario, policy, RUNS, guide=guide).success
     return {
-        "scenario": scenario.name,
-        "policy": name,
         "success_low": round(low, 6),
         "success_high": rounded_up(high, 6),
         "exact": exact,
         "bound": rounded_up(csw.success_bound(scenario).value, 6),
-        "seconds": round(planned + ready.cpu, 1),
     }
 
 
-def success_of(scenario: Scenario, policy: Any, guide: Guide) -> tuple[float, float, bool]:
-    """Lower and upper end of a policy's success, and whether they are proven bounds."""
-    low, high = csw.evaluate(scenario, policy, max_states=STATES, guide=guide).success
-    if high - low <= WIDE:
-        return low, high, True
-    return *csw.estimate(scenario, policy, RUNS, guide=guide).success, False
+def success_text(row: dict[str, Any]) -> str:
+    """What `success_of` found, in a table."""
+    success = f"{row['success_low']:.4f} to {row['success_high']:.4f}"
+    return success if row["exact"] else f"~ {success}"
+
+
+def regret(row: Any) -> Any:
+    """Score of a row, or of a table of rows: (bound - success) / bound."""
+    return 1.0 - row["success_low"] / row["bound"]
 
 
 def command(row: dict[str, Any]) -> str:
@@ -149,12 +159,11 @@ def command(row: dict[str, Any]) -> str:
 
 def markdown_row(row: dict[str, Any]) -> str:
     """A row of the page."""
-    success = f"{row['success_low']:.4f} to {row['success_high']:.4f}"
     cells = (
         row["policy"],
-        success if row["exact"] else f"~ {success}",
+        success_text(row),
         f"{row['bound']:.4f}",
-        f"{1.0 - row['success_low'] / row['bound']:.3f}",
+        f"{regret(row):.3f}",
         f"{row['seconds']:.1f}",
         f"`{command(row)}`",
     )
@@ -176,11 +185,10 @@ def learners(table: pd.DataFrame) -> str:
     """The page's section of policies that were trained in the environments."""
     lines = []
     for (scenario, name), rows in table.groupby(["scenario", "learner"]):
-        low = rows["success_low"]
-        regret = 1.0 - low / rows["bound"]
+        low, score = rows["success_low"], regret(rows).median()
         ends = f"{low.median():.3f} | {low.min():.3f} to {low.max():.3f}"
         seconds = rows["seconds"].median()
-        lines.append(f"| {scenario} | {name} | {ends} | {regret.median():.3f} | {seconds:.0f} |")
+        lines.append(f"| {scenario} | {name} | {ends} | {score:.3f} | {seconds:.0f} |")
     return "\n".join([LEARNED, *lines, ""])
 
 
@@ -218,7 +226,7 @@ def main() -> None:
         )
     scenarios = [csw.load_scenario(name) for name in names]
     if len(sys.argv) == 3 and ":" in sys.argv[2]:
-        own_function(sys.argv[2])  # before the measurements
+        own_function(sys.argv[2], Path.cwd())  # before the measurements
         print(own_rows(scenarios[0], sys.argv[2]))
         return
     if len(sys.argv) == 3:
