@@ -263,6 +263,14 @@ class Limits(NamedTuple):
     stationarity: float
 
 
+class StepInputs(NamedTuple):
+    """States that are to be decided in."""
+
+    states: States
+    terms: Terms
+    limits: Limits
+
+
 class StepResults(NamedTuple):
     """Output arrays for B states."""
 
@@ -318,13 +326,12 @@ def decide_states(
     evaluate: Any,
     evaluate_lanes: Any,
     shared: Shared,
-    states: States,
-    terms: Terms,
+    inputs: StepInputs,
     method: Method,
-    limits: Limits,
     results: StepResults,
 ) -> None:
     """Decide in the states ``rows[0]`` to ``rows[1] - 1``."""
+    states, terms, limits = inputs
     objective = Objective(evaluate, evaluate_lanes, shared.in_lanes, shared.constants)
     n, chunk = states.alive.shape[1], chunk_size(objective, method)
     size = min(chunk, rows[1] - rows[0])

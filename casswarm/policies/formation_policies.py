@@ -30,7 +30,7 @@ from ..formation.auto import Auto
 from ..formation.horizon import corridor_mpc_formation, leader_mpc_formation
 from ..formation.objective import formation_objective, start_count
 from ..formation.projected_gradient import SpectralProjectedGradient
-from ..formation.state_kernels import Limits, StepResults, decide_states
+from ..formation.state_kernels import Limits, StepInputs, StepResults, decide_states
 from ..formation.task import FOLLOWER_WEIGHT, LEADER_SELECTION, Formation, FormationTask, or_none
 from ..grid import ValueFunction
 from ..guide.guide import Guide
@@ -205,7 +205,8 @@ def formation_decision(task: FormationTask, solver: Solver) -> Decision:
     limits = Limits(VIOLATION, min(solver.stationarity, MAX_STATIONARITY))
     starts = compiled.starts
     method = solver.batch.method(starts, n)
-    arguments = *compiled.kernels, task.states, task.terms, method, limits, results
+    inputs = StepInputs(task.states, task.terms, limits)
+    arguments = *compiled.kernels, inputs, method, results
     execute(decide_states, batch, arguments, _PER_THREAD // starts)
     failures, fallbacks = np.zeros(batch, np.int64), np.zeros(batch, np.int64)
     if np.count_nonzero(results.accepted) < batch:
