@@ -18,6 +18,28 @@ SCENARIOS = ("paper-1", "paper-2", "ring", "gauntlet", "wall", "alley", "crossfi
 COARSE = 2.0**-8  # spacing of a coarse lattice, in v_max dt
 
 
+PREDICTED = (
+    ("paper-1", "leader", 1e-3),
+    ("paper-1", "leader", 1e-5),
+    ("paper-1", "constrained", 1e-3),
+    ("paper-1", "naive", 1e-3),
+    ("ring", "leader", 1e-3),
+    ("gauntlet", "leader", 1e-2),
+    ("alley", "leader", 1e-3),
+    ("barricade", "naive", 1e-4),
+    ("crossfire", "constrained", 1e-2),
+    ("wall", "leader", 1e-3),
+    ("companions", "leader", 1e-3),
+    ("barricade", "constrained", 1e-3),
+    ("paper-2", "naive", 1e-3),
+    ("ring", "naive", 1e-4),
+    ("alley", "constrained", 1e-2),
+    ("gauntlet", "naive", 1e-3),
+    ("paper-2", "leader", 1e-1),
+    ("wall", "constrained", 1e-2),
+)
+
+
 def distributions(quick: bool) -> Rows:
     """Exact distributions to 1e-3: exact commands, the default lattice, and a coarse one.
 
@@ -94,4 +116,27 @@ def versus(quick: bool) -> Rows:
                         "ratio": needed * plain / number / cpu,
                     }
                 )
+    return rows
+
+
+def prediction(quick: bool) -> Rows:
+    """Predicted and solved states, and the processor time of a prediction."""
+    rows: Rows = []
+    for name, policy, tolerance in PREDICTED[: 4 if quick else None]:
+        scenario = csw.load_scenario(name)
+        guide = csw.plan(scenario, certify=False)
+        states = csw.evaluate(scenario, policy, tolerance, guide=guide).states
+        made = csw.make_policy(policy, scenario, guide)  # may take a plan
+        found = timed(partial(csw.predict_states, scenario, made, tolerance, guide=guide))
+        rows.append(
+            {
+                "scenario": name,
+                "policy": policy,
+                "tolerance": tolerance,
+                "states": states,
+                "predicted": found.result.states,
+                "ratio": f"{found.result.states / states:.2f}",
+                "CPU, s": f"{found.cpu:.2f}",
+            }
+        )
     return rows

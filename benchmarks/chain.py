@@ -1,4 +1,4 @@
-"""Performance of the chain: exact distributions, runs, equal states, Monte Carlo, growth, sweeps.
+"""Performance of the chain: exact laws, predictions, runs, Monte Carlo, growth, sweeps.
 
 Run with the installed package::
 
@@ -14,14 +14,24 @@ are shared, so CPU times are given beside wall-clock times, and ratios are of on
 from __future__ import annotations
 
 import pandas as pd
-from _chain_exact import distributions, versus
+from _chain_exact import distributions, prediction, versus
 from _chain_growth import growth, growth_chart, sweep
 from _chain_sampling import coverage, equal, estimates, runs
 from _timing import arguments, print_table
 
 PARTS = {
     part.__name__: part
-    for part in (distributions, runs, equal, versus, estimates, coverage, growth, sweep)
+    for part in (
+        distributions,
+        prediction,
+        runs,
+        equal,
+        versus,
+        estimates,
+        coverage,
+        growth,
+        sweep,
+    )
 }
 
 

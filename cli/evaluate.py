@@ -84,6 +84,7 @@ def evaluate(
         if unknown.information and len(chosen.cases) == 1:  # before the work
             raise WrongInput(f"--information: the hazard of {chosen.name} is known (hazard.case)")
         from ..guide.agent import guide_solver
+        from ..studies.inputs import resolve_policy
 
         chosen_policies = named_policies(policies)
         folder = job.open("evaluate", chosen)
@@ -94,8 +95,9 @@ def evaluate(
         shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
         shared["progress"] = job.progress
         distributions, estimates = [], []
-        for policy in chosen_policies:
-            job.say(f"evaluating {getattr(policy, 'name', policy)}")
+        for each in chosen_policies:
+            policy = resolve_policy(each, chosen, guide, policies.solver)  # which may take a plan
+            job.say(f"evaluating {policy.name}")
             if sampling.runs is None and not common.quiet:
                 expected = {**asdict(exact), "guide": guide, "solver": policies.solver}
                 job.say(str(csw.predict_states(chosen, policy, **expected, time_limit=3.0)))
