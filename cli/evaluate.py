@@ -92,15 +92,14 @@ def evaluate(
         guide = csw.plan(
             chosen.believed, guide_solver(policies.solver), certify=False, progress=job.progress
         )
-        shared: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
-        shared["progress"] = job.progress
+        inputs: dict[str, Any] = {**asdict(exact), "guide": guide, "solver": policies.solver}
+        shared = {**inputs, "progress": job.progress}
         distributions, estimates = [], []
         for each in chosen_policies:
             policy = resolve_policy(each, chosen, guide, policies.solver)  # which may take a plan
             job.say(f"evaluating {policy.name}")
             if sampling.runs is None and not common.quiet:
-                expected = {**asdict(exact), "guide": guide, "solver": policies.solver}
-                job.say(str(csw.predict_states(chosen, policy, **expected, time_limit=3.0)))
+                job.say(str(csw.predict_states(chosen, policy, **inputs, time_limit=1.0)))
             if sampling.runs is None:
                 distributions.append(csw.evaluate(chosen, policy, **shared))
             else:

@@ -84,8 +84,7 @@ def sweep(
     if method.runs is None:
         refuse("nothing is sampled without --runs", "seed")
     else:
-        names = [each.name for each in fields(ExactOptions)]
-        refuse("nothing is enumerated with --runs", *names)
+        refuse("nothing is enumerated with --runs", *(each.name for each in fields(accuracy)))
     grid = _grid(common.settings)
     with work(common) as job:
         chosen = csw.load_scenario(common.scenario, allow_code=common.allow_code)

@@ -102,21 +102,22 @@ class _Visits(RunBatch):
 
 
 def predicted(expansion: StateSpaceExpansion, time_limit: float = math.inf) -> StatePrediction:
-    """What an expansion that has not begun will need; samples grow for some seconds at most."""
-    deadline = time.monotonic() + time_limit
+    """What an expansion that has not begun will need.
+
+    No larger sample follows one that took more than `time_limit` seconds, but for the first, which
+    may have compiled code.
+    """
     scenario, policy, options = expansion.scenario, expansion.policy, expansion.options
     (initial,) = expansion.frontier.batches[0]
     chain = Chain(scenario, initial.previous_velocities[0], 0, Purpose.PREDICTION, options.lattice)
     for runs in RUNS:
         visits = _Visits(initial, runs)
         visits.finish(chain, policy)
-        if visits.solved > ENOUGH or time.monotonic() > deadline:
+        slow = runs > RUNS[0] and time.perf_counter() - visits.started > time_limit
+        if slow or visits.solved > ENOUGH:
             break
-    threshold = 1e-300
-    if options.tolerance > 0:
-        least = visits.threshold(_USED * options.tolerance)
-        threshold = max(threshold, min(FIRST_THRESHOLD * options.tolerance, least))
-    states = visits.states(threshold)
+    least = min(FIRST_THRESHOLD * options.tolerance, visits.threshold(_USED * options.tolerance))
+    states = visits.states(max(least, 1e-300))
     number = min(states, float(options.max_states))
     stored = min(number, float(expansion.max_stored))
     limited = states > options.max_states or states > 4.0 * expansion.max_stored

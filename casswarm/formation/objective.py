@@ -60,9 +60,8 @@ class CompiledObjective:
     @property
     def kernels(self) -> tuple[Any, Any, Shared]:
         """The compiled functions and constants, as `minimise_batch` takes them."""
-        evaluate = self.evaluate
-        lanes = _evaluate_lanes(self.lanes) if self.lanes else evaluate
-        return evaluate, lanes, Shared(bool(self.lanes), self.constants)
+        lanes = _evaluate_lanes(self.lanes) if self.lanes else self.evaluate
+        return self.evaluate, lanes, Shared(bool(self.lanes), self.constants)
 
 
 @locked_cache(maxsize=64)

@@ -232,7 +232,7 @@ def predict_states(
     Parameters
     ----------
     scenario, policy, tolerance, guide, solver, solver_options, accuracy, **plain
-        As in `evaluate`; and `time_limit`, seconds after which no larger sample is begun.
+        As in `evaluate`; and `time_limit`, seconds of a sample after which none is larger.
 
     Returns
     -------
