@@ -81,11 +81,13 @@ def evaluate(
         refuse("nothing is sampled without --runs", "seed")
     with work(common) as job:
         chosen = load(common)
-        if unknown.information and len(chosen.cases) == 1:  # before the work
+        if unknown.information and len(chosen.cases) == 1:
             raise WrongInput(f"--information: the hazard of {chosen.name} is known (hazard.case)")
         from ..guide.agent import guide_solver
+        from ..studies.evaluation import expansion_options
         from ..studies.inputs import resolve_policy
 
+        expansion_options(chosen, exact.tolerance, exact.max_states, memory=exact.memory)
         chosen_policies = named_policies(policies)
         folder = job.open("evaluate", chosen)
         job.prepare_figures()
@@ -108,22 +110,20 @@ def evaluate(
                 )
                 distributions.append(estimates[-1].enumerated)
         result = _write_tables(folder, distributions, estimates)
-        compared = ""
+        texts = ["\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)]
         if unknown.information:
             job.say("comparing what members know")
             del shared["guide"]
             known = csw.value_of_information(chosen, chosen_policies, **shared)
             folder.write_tables(information=known)
-            compared = f"\n\n{aligned_table(_information_texts(known))}"
+            texts.append(aligned_table(_information_texts(known)))
         bound = job.attempt("the success bound", partial(csw.success_bound, chosen))
         result["success_bound"] = None if bound is None else bound.as_dict()
         folder.write_record(
             result, {**asdict(exact), **asdict(sampling), "solver": policies.solver}
         )
         job.draw()
-        text = "\n".join(map(str, estimates)) if estimates else _text(chosen, distributions)
-        text += compared
-        job.finish(text if bound is None else f"{text}\n\n{bound}")
+        job.finish("\n\n".join([*texts, *([] if bound is None else [str(bound)])]))
 
 
 def _information_texts(table: Any) -> list[dict[str, str]]:

@@ -30,6 +30,7 @@ main(["explore", "--no-browser"], prog_name="casswarm")
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("package", "use", "extra"),
     [
@@ -46,6 +47,7 @@ def test_missing_package_is_named(package: str, use: str, extra: str) -> None:
     assert done.stdout == f"the package {package} is not installed: {command} {extra}\n"
 
 
+@pytest.mark.slow
 def test_missing_package_of_explore_is_named_by_function_and_command() -> None:
     done = python("-c", WITHOUT, code=2)
     assert done.stdout == "csw.explore needs anywidget: pip install 'casswarm[explore]'\n"

@@ -79,6 +79,7 @@ def reference(scenario: Scenario) -> tuple[list[float], Array]:
 SOME = ((10.0, 1.0),)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("length", "time"),
     [pytest.param(*u, marks=() if u in SOME else pytest.mark.slow) for u in LENGTHS + TIMES],
@@ -207,6 +208,7 @@ NUMBERS: dict[str, tuple[Scenario, Callable[[Scenario], object], float, Iterable
 """Scenario, number, its relative tolerance, and changes of the scenario that do not change it."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NUMBERS)
 def test_number_of_changed_scenario_is_equal(name: str) -> None:
     scenario, number, tolerance, changes = NUMBERS[name]

@@ -140,7 +140,7 @@ def evaluate(
     given = plain if tolerance is None else {**plain, "tolerance": tolerance}
     values = given_values("evaluate", accuracy, execution, plain=given, **_DEFAULTS)
     tolerance, max_states, aggregation_tol, memory, progress = values
-    options = _options(scenario, tolerance, max_states, memory=memory)
+    options = expansion_options(scenario, tolerance, max_states, memory=memory)
     inputs = scenario, policy, guide, solver, solver_options, reporter(progress)
     expansions, _ = _expanded(inputs, options, aggregation_tol)
     laws = [expansion.distribution() for expansion in expansions]
@@ -203,7 +203,7 @@ def estimate(
     values = given_values("estimate", accuracy, execution, plain=plain, **_DEFAULTS)
     tolerance, max_states, aggregation_tol, memory, progress = values
     options = replace(
-        _options(scenario, tolerance, max_states, memory=memory),
+        expansion_options(scenario, tolerance, max_states, memory=memory),
         max_pruned_fraction=MAX_PRUNED_FRACTION,
         min_probability=VISITS / runs if max_states is None else 0.0,
     )
@@ -250,7 +250,7 @@ def predict_states(
     defaults = ENUMERATED | {"time_limit": math.inf}
     values = given_values("predict_states", accuracy, plain=given, **defaults)
     tolerance, max_states, lattice, memory, time_limit = values
-    options = _options(scenario, tolerance, max_states, memory=memory)
+    options = expansion_options(scenario, tolerance, max_states, memory=memory)
     inputs = scenario, policy, guide, solver, solver_options
     return predicted(_expansions(inputs, options, lattice)[0][0], time_limit)
 
@@ -309,7 +309,7 @@ def markov_chain(
     given = plain if tolerance is None else {**plain, "tolerance": tolerance}
     values = given_values("markov_chain", accuracy, plain=given, **EXACT)
     tolerance, max_states, aggregation_tol = values
-    options = _options(scenario, tolerance, max_states, MAX_STATES_OF_GRADIENT)
+    options = expansion_options(scenario, tolerance, max_states, MAX_STATES_OF_GRADIENT)
     inputs = scenario, policy, guide, solver, solver_options
     return markov_chain_of(_expansions(inputs, options, aggregation_tol)[0][0])
 
@@ -319,7 +319,7 @@ def _weighted(scenario: Scenario, answers: Sequence[T]) -> list[tuple[float, T]]
     return [(case.weight, each) for case, each in zip(scenario.cases, answers, strict=True)]
 
 
-def _options(
+def expansion_options(
     scenario: Scenario,
     tolerance: float,
     max_states: int | None,
@@ -551,7 +551,7 @@ def success_gradient(
     given = plain if tolerance is None else {**plain, "tolerance": tolerance}
     values = given_values("success_gradient", accuracy, plain=given, **EXACT)
     tolerance, max_states, aggregation_tol = values
-    options = _options(scenario, tolerance, max_states, MAX_STATES_OF_GRADIENT)
+    options = expansion_options(scenario, tolerance, max_states, MAX_STATES_OF_GRADIENT)
     radius = scenario.target.radius
     if not 0 <= arrival_smoothing <= radius:
         raise ValueError(

@@ -58,6 +58,7 @@ def test_listener_hears_answers_in_order_and_the_end() -> None:
     child.end()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_child_ends_with_its_parent() -> None:
     code = (

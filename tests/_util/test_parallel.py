@@ -73,6 +73,7 @@ def test_jobs_of_dead_worker_are_repeated(tmp_path: Path, monkeypatch: pytest.Mo
     assert shared.table.to_csv() == alone.table.to_csv()
 
 
+@pytest.mark.slow
 def test_workers_that_always_die_raise() -> None:
     with pytest.raises(WorkerError, match="a worker process died"):
         list(done_jobs([exit_at_once, exit_at_once], 2))

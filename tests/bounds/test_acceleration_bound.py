@@ -224,6 +224,7 @@ def test_bound_turning_round_takes_steps_of_one_dimension() -> None:
     assert free.bound <= 0.3 * 0.33 * steps < 0.9 * risk
 
 
+@pytest.mark.slow
 def test_bound_above_least_risk_is_not_proven() -> None:
     """With a threshold above the least risk, the bound approaches that risk from below."""
     scenario = agent((5.0, 2.0), TWO, 12, swarm__a_max=0.1)

@@ -74,6 +74,7 @@ def test_one_case_is_the_bound_of_guides() -> None:
     assert len(bound.levels) >= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cases", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
 def test_no_random_path_exceeds_the_bound(cases: int) -> None:
     """Bounds of coarse grids are near, and of no path below its value; so are those of limits."""

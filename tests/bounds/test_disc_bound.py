@@ -145,6 +145,7 @@ def test_pruned_program_has_the_bound_of_the_full_one(passing) -> None:
     assert pruned.bound == pytest.approx(full.bound, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_certificate_is_within_a_percent_where_rounded_paths_are_not(passing) -> None:
     scenario, guide = passing
     certificate = certify(Relaxation.from_scenario(scenario), guide.risk, MULTIPLIER)

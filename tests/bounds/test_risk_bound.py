@@ -29,6 +29,7 @@ from casswarm.grid import (
 # --- lemmas
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 4]), st.booleans())
 @settings(max_examples=240, deadline=None)
 def test_box_extremum_matches_scipy(seed: int, axes: int, largest: bool) -> None:

@@ -74,6 +74,7 @@ def test_success_bound_is_sharper_with_collisions() -> None:
 LEVEL_GAME = partial(success_bound, max_nodes=100_000, max_work=3e6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "bound", "strengths"),
     [
@@ -220,6 +221,7 @@ print(*csw.success_bound(scenario).risks)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="limits memory as on Linux")
 @pytest.mark.parametrize(
     "far", ["1500", *(pytest.param(far, marks=pytest.mark.slow) for far in ("1e8", "2e9"))]

@@ -51,6 +51,7 @@ def test_environment_has_the_runs_of_simulate() -> None:
     np.testing.assert_array_equal(table["survivors"], runs["survivors"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [2, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("objective", ["success", "arrivals", "survivors"])
 def test_joint_plan_has_its_exact_law(k: int, objective: str) -> None:
@@ -76,6 +77,7 @@ def test_replanning_ends_with_the_plan_and_with_too_few_members() -> None:
     assert law.low >= plan.success.low - 1e-12
 
 
+@pytest.mark.slow
 def test_more_arrivals_are_less_likely_for_every_policy_and_bound() -> None:
     guide = csw.plan(ONE)
     for name in ("naive", "leader-mpc-2", "constrained-feedback"):

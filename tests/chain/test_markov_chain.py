@@ -65,6 +65,7 @@ def test_chain_has_the_law_of_exact_evaluation(name: str, policy: str) -> None:
     assert end @ ends == pytest.approx(1.0, abs=1e-14)
 
 
+@pytest.mark.slow
 def test_left_out_histories_widen_bounds() -> None:
     scenario = csw.load_scenario("barricade")
     exact = csw.evaluate(scenario, "leader", tolerance=1e-9)

@@ -70,6 +70,7 @@ def test_guide_minimises_the_risk_over_parts() -> None:
     assert law.low == pytest.approx(guide.survival, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_bounds_hold_for_paths_that_turn_after_parts() -> None:
     one = parted(SINGLE, 3)
     guide = csw.plan(one)

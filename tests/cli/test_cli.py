@@ -103,6 +103,7 @@ def test_scenarios_are_completed_by_name_or_file(tmp_path, command):
     assert offered == [*(("plain", name) for name in names), ("file", "p")]
 
 
+@pytest.mark.slow
 def test_policies_and_solvers_are_completed(tmp_path):
     offered = completed(tmp_path, "simulate", "paper-1", "--policy", "joint")
     assert offered == [("plain", "joint"), ("plain", "joint-replanning")]

@@ -169,6 +169,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_compare_solves_files_with_own_solver(folder):
     options = ("--solver", "ipopt", "--solver", "my_module:Mine", "--time-limit", 60)
     done = casswarm(folder, "compare", "--problems", "files", *options, "--no-figures")

@@ -3,11 +3,13 @@
 import json
 import re
 
+import pytest
 from commands import casswarm
 
 GAUNTLET = ("evaluate", "gauntlet", "--policy", "leader", "--no-figures")
 
 
+@pytest.mark.slow
 def test_states_and_memory_are_predicted_before_the_work(tmp_path):
     arguments = "evaluate", "paper-1", "--policy", "leader", "--no-figures"
     done = casswarm(tmp_path, *arguments)

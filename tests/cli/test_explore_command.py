@@ -36,6 +36,7 @@ def status(address, **headers):
         return error.code
 
 
+@pytest.mark.slow
 def test_page_needs_token_and_own_host_and_ends_with_interrupt(tmp_path):
     with exploring(tmp_path) as (address, process):
         scheme, _, host, token, _ = address.split("/")

@@ -44,6 +44,7 @@ def test_failing_bound_costs_no_tables_and_no_figures(tmp_path, arguments):
     assert "naive" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [SIMULATE, EVALUATE], ids=lambda a: a[0])
 def test_interrupted_bound_costs_no_tables(tmp_path, arguments):
     done = failing(tmp_path, "bound", "ctrl-c", *arguments)
@@ -56,6 +57,7 @@ def test_interrupted_bound_costs_no_tables(tmp_path, arguments):
     assert record["result"]["success_bound"] is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -148,6 +148,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["simulate", "evaluate"])
 @pytest.mark.parametrize("name", FAILING)
 def test_failing_policy_is_one_line_with_users_line(folder, command, name):
@@ -156,6 +157,7 @@ def test_failing_policy_is_one_line_with_users_line(folder, command, name):
     assert done.stderr == f"Error: {FAILING[name]}\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_policy_beyond_its_time_limit_is_one_line(folder, workers):
     options = ("--policy", "mine:endless", "--policy-time-limit", 0.5, "--workers", workers)

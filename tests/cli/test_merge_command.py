@@ -35,6 +35,7 @@ def require_equal_tables(one: Path, other: Path) -> None:
         assert (one / name).read_bytes() == (other / name).read_bytes(), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "parts"),
     [
@@ -101,6 +102,7 @@ def test_other_files_are_no_parts(tmp_path: Path, text: str) -> None:
     assert "part holds no finished part of a study" in done.stderr
 
 
+@pytest.mark.slow
 def test_damaged_records_are_computed_again(tmp_path: Path) -> None:
     command = (*SIMULATION, "--runs", "20")
     folders = saved(tmp_path, command, 2)
@@ -169,6 +171,7 @@ def test_parts_of_a_comparison(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(merged[same], whole[same])
 
 
+@pytest.mark.slow
 def test_slurm_script_of_the_page_runs_a_part(tmp_path: Path) -> None:
     """The job array, with a stub for Slurm: the script, its task's number and the largest one."""
     page = (Path(__file__).parents[2] / "docs" / "clusters.md").read_text(encoding="utf-8")

@@ -90,6 +90,7 @@ def test_drawing_is_one_line_elsewhere(capsys):
     assert capsys.readouterr().err == "drawing figures: 8\n"
 
 
+@pytest.mark.slow
 def test_task_that_takes_long_says_for_how_long(monkeypatch, capsys):
     monkeypatch.setattr(module, "_LONG", 0.4)
     with progress_report(quiet=False) as report:

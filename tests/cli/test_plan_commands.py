@@ -75,6 +75,7 @@ def test_plan_with_json_prints_only_json(tmp_path):
     assert proof["bound"] < proof["accelerated"]["bound"] == result["risk_bound"]
 
 
+@pytest.mark.slow
 def test_plan_with_gap_and_map_closes_gap_and_plots_map(tmp_path):
     options = ("--no-acceleration-limited", "--gap", "1e-5", "--map", "--json")
     done = casswarm(tmp_path, "plan", "single-agent", *options)
@@ -121,6 +122,7 @@ def test_projected_gradient_at_iteration_limit_is_compared(tmp_path):
     assert table.loc["global search", "gap"] < 0.01 < table.loc["projected gradient", "gap"]
 
 
+@pytest.mark.slow
 def test_impossible_plan_fails_with_exit_code_1(tmp_path):
     settings = ("--set", "swarm.velocity=[-2.0, -2.0]", "--set", "guide.a_max=0.0001")
     done = casswarm(tmp_path, "plan", "paper-1", *settings, code=1)
@@ -131,6 +133,7 @@ def test_impossible_plan_fails_with_exit_code_1(tmp_path):
 # --- plan-swarm
 
 
+@pytest.mark.slow
 def test_plan_swarm_prints_success_and_bound(tmp_path):
     printed = casswarm(tmp_path, "plan-swarm", *PAIR, "--seed", "3").stdout
     line = " ".join(printed.split())

@@ -28,6 +28,7 @@ def figures(folder):
     return {path.name: path.read_bytes() for path in folder.glob("*.png")}
 
 
+@pytest.mark.slow
 def test_plot_of_simulate_draws_same_figures(simulated):
     before = figures(simulated)
     assert set(before) == {

@@ -176,7 +176,6 @@ REFUSED = [
 
 
 PLANNED_FIRST = (
-    "evaluate large-swarm --tolerance 0",
     "evaluate single-agent --aggregation-tol 1",
     f"plan-swarm paper-1 {PAIR} --min-distance 2",
 )

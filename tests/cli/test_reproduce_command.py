@@ -70,6 +70,7 @@ def test_plot_of_reproduce_is_refused_with_advice(reproduced):
     assert "casswarm reproduce again, which takes --format, --width and --dpi" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", ["quick", pytest.param("reproduced", marks=pytest.mark.slow)])
 def test_reproduce_twice_gives_same_tables(parts, request):
     folder = request.getfixturevalue(parts)[0]

@@ -86,6 +86,7 @@ def own_rates(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_plan_with_own_rates_names_the_missing_bound(own_rates):
     text = casswarm(own_rates, "plan", "own.toml", "--allow-code").stdout
     assert "not certified: the bound needs a lower bound of your rates" in text

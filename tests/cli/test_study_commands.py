@@ -143,6 +143,7 @@ def test_named_solver_is_used(tmp_path):
     assert json.loads(done.stdout)["inputs"]["solver"] == "spectral"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "address",
     ["foo", pytest.param("tcp://127.0.0.1:9", marks=pytest.mark.slow)],  # it waits ten seconds

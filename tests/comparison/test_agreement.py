@@ -115,6 +115,7 @@ def test_saved_comparison_is_loaded_equal(tmp_path: Path) -> None:
     assert loaded.agreement(comparison).agrees
 
 
+@pytest.mark.slow
 def test_published_comparison_without_traits_is_reported() -> None:
     published = Comparison.load(Path(__file__).parents[2] / "results" / "comparison" / "first")
     assert published.problems.groupby("family")["problem"].nunique().to_dict() == {

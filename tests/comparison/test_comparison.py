@@ -279,6 +279,7 @@ def test_report_contains_every_solver(known):
     assert labels == {"ipopt", "hasty", "gradient"}
 
 
+@pytest.mark.slow
 def test_compare_verifies_copies_on_the_original():
     """A copy of the same seed is the same, and finds the optimum of its original."""
     case = published(35)

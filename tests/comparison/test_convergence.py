@@ -137,6 +137,7 @@ def test_convergence_is_drawn_with_hollow_infeasible_iterates(comparison) -> Non
     assert "line, given initial guess" in history._repr_html_()
 
 
+@pytest.mark.slow
 def test_divergence_is_drawn(tmp_path) -> None:
     step = csw.solvers.ProjectedGradient(step=2.0)  # x <- -3 x, until it is not finite
     comparison = csw.compare(BOWL, ["ipopt", step], time_limit=60)

@@ -42,6 +42,7 @@ def cache(compiled, tmp_path):
     return shutil.copytree(compiled, tmp_path / "cache")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("suffix", "damage"), [CASES[0], *(pytest.param(*case, marks=slow) for case in CASES[1:])]
 )

@@ -40,6 +40,7 @@ def test_contiguous_array_is_writable_and_equal(array):
     np.testing.assert_array_equal(result, array)
 
 
+@pytest.mark.slow
 def test_second_process_uses_compiled_code_of_first(tmp_path):
     hits, messages = run_compiled(tmp_path)
     assert hits == "0 0"
@@ -57,6 +58,7 @@ def test_interrupted_compilation_is_announced_again(tmp_path):
     assert "compiling" in run_compiled(tmp_path)[1]
 
 
+@pytest.mark.slow
 def test_unwritable_cache_folder_is_replaced_by_temporary_one(tmp_path):
     (tmp_path / "file").write_text("in the way")
     hits, messages = run_compiled(tmp_path / "file")

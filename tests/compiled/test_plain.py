@@ -23,6 +23,7 @@ print(study.runs.to_csv())
 """
 
 
+@pytest.mark.slow
 def test_plain_kernel_and_objective_are_compiled_once(tmp_path):
     hits, messages = run_compiled(tmp_path, **PLAIN)
     assert hits == "0 0"
@@ -30,6 +31,7 @@ def test_plain_kernel_and_objective_are_compiled_once(tmp_path):
     assert run_compiled(tmp_path, **PLAIN) == ("1 1", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [

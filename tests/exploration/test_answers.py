@@ -22,6 +22,7 @@ def told(scenario, policy="leader", previous=None, interrupt=lambda: None):
     return published
 
 
+@pytest.mark.slow
 def test_stages_come_in_order_and_agree_with_library():
     scenario = three_members()
     published = told(scenario)
@@ -53,6 +54,7 @@ def test_bounds_become_narrower(monkeypatch):
         assert narrower.high <= wider.high + 1e-12
 
 
+@pytest.mark.slow
 def test_slow_enumeration_is_followed_by_more_runs(monkeypatch):
     monkeypatch.setattr(answers, "MAX_STATES", 20)
     monkeypatch.setattr(answers, "RUNS", (50, 100, 200))
@@ -143,6 +145,7 @@ def test_guides_for_an_unknown_hazard_are_mixed_and_bounded():
         assert theirs.success.low <= ours.success.high + 1e-12
 
 
+@pytest.mark.slow
 def test_near_mixture_answers_before_work_makes_way():
     first = told(UNKNOWN)[-1]
     moved = UNKNOWN.with_values({"hazard.case": [{"radars": [[3.2, y]]} for y in (-0.7, 0.9)]})

@@ -107,6 +107,7 @@ def test_paths_of_radars_move_with_them() -> None:
             np.testing.assert_allclose(moves, shift, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 8), st.floats(-0.9, 0.9), st.floats(-0.9, 0.9))
 def test_moved_there_and_back_is_the_same_hazard(index, dx, dy) -> None:
     scenario = csw.load_scenario("cloud")

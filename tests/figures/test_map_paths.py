@@ -49,6 +49,7 @@ def test_side_shifts_of_shared_path_are_neighbouring_and_centred() -> None:
     np.testing.assert_array_equal(shifts[3], [1, 1, 1, 0.5, 0.5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["column", "page", pytest.param("slide", marks=pytest.mark.slow)])
 def test_swarm_map_with_shared_path_shows_every_member(name: str) -> None:
     with theme(name):

@@ -141,6 +141,7 @@ def test_followers_approach_leader_as_closely_as_allowed(
             np.testing.assert_allclose(found[b, i], expected, atol=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", EXACT)
 @pytest.mark.parametrize("n", [1, 2])
 def test_corridor_solution_has_least_total_rate(n: int, solver: str) -> None:

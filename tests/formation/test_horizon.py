@@ -179,6 +179,7 @@ def test_interior_point_is_no_worse_than_ipopt(steps: int) -> None:
         assert (batch.objective <= exact * (1 + 1e-6) + 1e-9).all()
 
 
+@pytest.mark.slow
 def test_interior_point_with_collisions_is_mostly_better() -> None:
     """Local minima abound; the batch solver has several starts, Ipopt the one."""
     data = replace(window(16, 4, 3, seed=9, deaths=0.1), hazard=COLLIDING)

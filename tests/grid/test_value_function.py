@@ -176,6 +176,7 @@ def test_rounding_grows_with_resolution() -> None:
     assert 0 < allowances[0] < allowances[1] < allowances[2] < 1e-11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [0.3, 1e-6])
 def test_memory_is_bounded_where_many_nodes_are_within_reach(radius: float) -> None:
     """With one step left, all nodes of the finest grid are; it is fine if the target is small."""

@@ -120,6 +120,7 @@ def test_certificate_acceleration_limit_adds_bound_and_keeps_the_other() -> None
     assert limited.certificate.bound < 0.95 * limited.risk_bound
 
 
+@pytest.mark.slow
 def test_certificate_uses_path_that_misses_target_by_tolerance() -> None:
     """At full speed nearly everywhere, so that what the dynamics miss adds up to a rim not met."""
     certificate = certify_guide(load_scenario("ring"), plan(load_scenario("ring"), certify=False))

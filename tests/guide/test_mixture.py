@@ -81,6 +81,7 @@ def image_of(scenario, image):
     return parts[0].with_values({"hazard.radars": None, "hazard.case": cases})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("image", ["length", "time", "turned", "order"])
 def test_units_images_and_order_change_nothing(image, worst) -> None:
     mixed = csw.plan(image_of(gaps(), image), ambiguity="worst")
@@ -88,6 +89,7 @@ def test_units_images_and_order_change_nothing(image, worst) -> None:
     assert mixed.value.high == pytest.approx(worst.value.high, rel=0.01)
 
 
+@pytest.mark.slow
 def test_single_case_is_the_guide_of_a_known_hazard() -> None:
     known = small([(0.0, 0.0)], (3.0, 0.0), [(1.5, 0.4)], 8)
     same = known.with_values({"hazard.case": [{}, {"weight": 5.0}]})
@@ -100,6 +102,7 @@ def test_single_case_is_the_guide_of_a_known_hazard() -> None:
         np.testing.assert_array_equal(mixed.paths[0].positions, guide.positions)
 
 
+@pytest.mark.slow
 def test_case_of_weight_zero_changes_the_mean_by_nothing() -> None:
     scenario = gaps(weights=(1.0, 0.0))
     mixed = csw.plan(scenario, ambiguity="mean")
@@ -110,6 +113,7 @@ def test_case_of_weight_zero_changes_the_mean_by_nothing() -> None:
     assert worst.value.high < mixed.value.low
 
 
+@pytest.mark.slow
 def test_mixture_of_least_risk_is_between_proven_ends() -> None:
     scenario = gaps()
     mixed = csw.plan(scenario, ambiguity="worst", objective="risk", gap=0.005)
@@ -145,6 +149,7 @@ def test_risk_is_the_guide_of_the_mean_rates() -> None:
         assert mixed.prior @ row >= np.exp(mixed.prior @ np.log(row)) - 1e-12
 
 
+@pytest.mark.slow
 def test_limits_of_acceleration_hold_and_are_said() -> None:
     limited = gaps(**{"guide.acceleration_limited": True, "guide.a_max": 0.3})
     mixed = csw.plan(limited, ambiguity="worst")
@@ -236,6 +241,7 @@ def test_search_near_a_mixture_finds_that_of_a_similar_scenario(worst) -> None:
     assert certified.gap < 0.02
 
 
+@pytest.mark.slow
 def test_guides_of_the_cases_are_those_of_known_hazards(worst) -> None:
     for case, guide, known in zip(gaps().cases, worst.guides, worst.known, strict=True):
         assert guide.survival <= known * (1 + 1e-9)

@@ -63,6 +63,7 @@ def patrol(steps: int, **values: object) -> Scenario:
     return scenario.with_hazard(patrolled, radars=[(2.5, 0.2)], background=0.02)
 
 
+@pytest.mark.slow
 def test_plan_arrival_step_is_best_of_all() -> None:
     guide = plan(patrol(40))
     every = [plan(patrol(steps, guide__arrival="horizon")) for steps in range(8, 41)]

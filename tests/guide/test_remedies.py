@@ -37,6 +37,7 @@ def arrives(changed) -> bool:
 QUICK = ("margin", "swarm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in CASES]
 )

@@ -345,6 +345,7 @@ def test_parts_that_do_not_treat_time_refuse_with_the_key_and_their_name(part):
     assert isinstance(error.value, CasswarmError)
 
 
+@pytest.mark.slow
 def test_kernels_are_derived_once_for_all_times():
     fine = csw.load_scenario("patrol").refined(8)
     guide = csw.plan(fine, certify=False, search="local")

@@ -184,6 +184,7 @@ def test_rates_are_independent_of_member_order(state: State, seed: int) -> None:
     np.testing.assert_allclose(rates_of(permuted), rates_of(state)[order], rtol=1e-13)
 
 
+@pytest.mark.slow
 @random(100)
 @given(state=states(), shift=st.tuples(st.integers(-50, 50), st.integers(-50, 50)))
 def test_rates_depend_on_relative_positions_only(state: State, shift: tuple[int, int]) -> None:

@@ -76,6 +76,7 @@ PARTS: dict[str, Callable[[csw.Scenario], Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "part",
     [pytest.param(part, marks=[pytest.mark.slow] * ("many members" in part)) for part in PARTS],

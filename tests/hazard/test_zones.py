@@ -179,6 +179,7 @@ def test_numbers_of_all_parts_fit_together() -> None:
     assert runs["success"].sum() > 0
 
 
+@pytest.mark.slow
 def test_plan_does_not_depend_on_axes_or_units() -> None:
     guide = csw.plan(ONE)
     mirrored = csw.plan(image(ONE, np.diag([1.0, -1.0])))

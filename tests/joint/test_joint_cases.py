@@ -42,6 +42,7 @@ def test_plan_has_the_exact_law_of_the_prior(plan: csw.SwarmPlan) -> None:
     assert "by case" in str(plan)
 
 
+@pytest.mark.slow
 def test_plan_is_at_least_as_good_as_those_of_other_hazards(plan: csw.SwarmPlan) -> None:
     scenario = gaps()
     for other in (scenario.believed, *(case.scenario for case in scenario.cases)):
@@ -105,6 +106,7 @@ def test_images_have_equal_plans(plan: csw.SwarmPlan) -> None:
     assert other.value == pytest.approx(plan.value, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_mixture_of_the_mean_is_one_plan(plan: csw.SwarmPlan) -> None:
     mixed = csw.plan_swarm_mixture(gaps(), "mean", certify=False)
     assert mixed.value.low == pytest.approx(plan.value, abs=1e-9)

@@ -82,6 +82,7 @@ def casadis(nlp: Nlp, batch: Instances) -> FunctionLinearisation:
     return FunctionLinearisation(Functions.calls(nlp), batch.x0.T.copy(), batch.p.T.copy())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["paper-1", "paper-2", pytest.param("patrol", marks=pytest.mark.slow)]
 )

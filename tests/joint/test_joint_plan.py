@@ -80,6 +80,7 @@ def test_plan_distribution_random_paths_match_brute_force(objective: str):
     assert plans == pytest.approx(by_hand(scenario, positions, objective), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_swarm_plan_success_matches_evaluate(best):
     scenario = TRIO
     distribution = evaluate(scenario, JointPolicy.from_plan(best), tolerance=0)
@@ -194,6 +195,7 @@ def test_plan_swarm_own_guides_of_single_member_are_formations():
     assert {outcome.start.split()[0] for outcome in best.outcomes} == {"formation"}
 
 
+@pytest.mark.slow
 def test_plan_swarm_beats_paper_policies():
     scenario = abreast(2)
     best = plan_swarm(scenario)
@@ -246,6 +248,7 @@ def test_plan_swarm_large_min_distance_arrives_one_by_one():
     assert "COME WITHIN 0.95" in str(replace(best, min_distance=2.0))
 
 
+@pytest.mark.slow
 def test_plan_swarm_arrivals_are_simultaneous():
     success, arriving, surviving = map(in_formations, ("success", "arrivals", "survivors"))
     assert len(set(arriving.arrivals.tolist())) == 1

@@ -31,6 +31,7 @@ def feedback(first, mass=1e-3, solver=None):
     return ReplanningPolicy(tree, JointPolicy.from_plan(first))
 
 
+@pytest.mark.slow
 def test_replanning_succeeds_more_often_than_plan(first):
     policy = feedback(first)
     distribution = evaluate(CROWDED, policy, tolerance=0)
@@ -40,6 +41,7 @@ def test_replanning_succeeds_more_often_than_plan(first):
     assert distribution.infeasible == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [pytest.param(1, marks=pytest.mark.slow), 2, "never"])
 def test_replanning_with_late_news_is_not_worse_than_plan(first, delay):
     scenario = CROWDED.replace(information={"delay": delay})
@@ -154,6 +156,7 @@ def test_replanning_unplanned_state_is_steered_back(first):
     assert decision.fallbacks.sum() == policy.tree.solves == 0
 
 
+@pytest.mark.slow
 def test_replanning_policy_by_name_is_not_worse():
     scenario = abreast(2)
     guide = plan(scenario, certify=False)

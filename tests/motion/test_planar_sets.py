@@ -61,6 +61,7 @@ def test_projection_equals_nested_search(cases: Case) -> None:
     assert np.hypot(*(nearest - points).T)[thick].max() > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("discs", [2, 3])
 def test_emptiness_equals_nested_search(discs: int) -> None:
     sets, points = random_cases(np.random.default_rng(8), 60_000, discs)
@@ -150,6 +151,7 @@ def scenes(draw: st.DrawFn) -> Case:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", ["translation", "quarter turn", "power of four", "order of discs"])
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(scene=scenes(), by=pairs, power=st.integers(-200, 200))
@@ -392,6 +394,7 @@ def test_sets_of_wrong_shape_or_value_raise(changes: dict[str, object], message:
 # --- Wishes. ---
 
 
+@pytest.mark.slow
 def test_relax_infeasible_set_becomes_nearest_point() -> None:
     rng = np.random.default_rng(16)
     count = 300

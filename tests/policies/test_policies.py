@@ -189,6 +189,7 @@ def test_fixed_iterations_are_no_failure(name: str) -> None:
     assert decided(name, state, solver=Ipopt(max_iter=1)).failures.sum() > 0
 
 
+@pytest.mark.slow
 def test_naive_guides_are_planned_by_the_method_of_the_guide() -> None:
     by_ipopt = make_policy("naive", scenario(), guide())
     by_paper = make_policy("naive", scenario(), solver="projected-gradient")

@@ -151,6 +151,7 @@ def test_saved_table_2_is_in_the_papers_order_and_intervals():
     assert (table["method_high"].shift() < table["method_low"])[1:].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -250,6 +251,7 @@ def test_representative_run_succeeds_and_loses_two(guide):
     assert csw.simulate(FIRST, ["leader"], 50, guide=guide).runs["success"][number]
 
 
+@pytest.mark.slow
 def test_charts_draw_saved_tables(guide):
     beyond_table = checked_in("beyond")
     figures = [

@@ -77,6 +77,7 @@ def test_display_of_result_has_table_and_picture(results, name):
     assert len(repr(result).splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RESULTS)
 def test_plot_of_result_is_figure_of_theme(results, name):
     for theme, size in THEMES.items():

@@ -62,6 +62,7 @@ def test_files_and_order_are_those_of_one_process(helper: FigureProcess) -> None
     assert reports[-1] == ("drawing figures", 6, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [line_here, leave_elsewhere])
 def test_figures_that_the_helper_cannot_draw_are_drawn_here(helper: FigureProcess, draw) -> None:
     catalogue = {f"line-{k}": partial(draw, k, os.getpid()) for k in range(4)}
@@ -70,12 +71,14 @@ def test_figures_that_the_helper_cannot_draw_are_drawn_here(helper: FigureProces
     assert not helper.is_free
 
 
+@pytest.mark.slow
 def test_figures_that_do_not_pickle_are_drawn_here(helper: FigureProcess) -> None:
     with Path(os.devnull).open() as opened:
         catalogue = {name: lambda: line(opened.fileno() > 0) for name in "abc"}
         assert [name for name, _ in drawn_files(catalogue, SMALL, helper)] == list("abc")
 
 
+@pytest.mark.slow
 def test_an_error_of_a_figure_is_raised(helper: FigureProcess) -> None:
     catalogue = {"line": partial(line, 1), "none": refuse}
     for chosen in (None, helper):

@@ -189,6 +189,7 @@ def shown(row):
     return f"{row['success_low']:.4f} to {row['success_high']:.4f}"
 
 
+@pytest.mark.slow
 def test_page_of_sweep_names_command_and_points(swept):
     _, page = swept
     assert references(page) == []

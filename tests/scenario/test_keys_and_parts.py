@@ -94,6 +94,7 @@ def test_table_has_all_keys_and_parts() -> None:
 SLOW = "optimal_value", "naive, leader, constrained"  # parts that take seconds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("part", "key", "cell"),
     [pytest.param(*row, marks=pytest.mark.slow if row[0] in SLOW else ()) for row in CELLS],

@@ -104,6 +104,7 @@ def test_units_of_length_and_time_do_not_matter() -> None:
     assert results[0].low == pytest.approx(results[1].low, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_order_of_members_does_not_matter() -> None:
     positions = [(0.0, 0.0), (0.4, 0.1), (-0.2, 0.4), (0.1, -0.3)]
     kinds, order = ["carrier", "companion", "slow", "slow"], [3, 2, 0, 1]

@@ -83,6 +83,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     return Scenario.from_data(data, allow_code=True)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=150)
 @given(scenario=scenarios())
 def test_saved_scenario_loads_as_equal(

@@ -52,6 +52,7 @@ def test_guide_leads_to_the_best_zone_and_its_bound_is_of_all() -> None:
     assert swapped.risk == pytest.approx(both.risk, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_zone_that_no_guide_reaches_does_not_spoil_the_bound() -> None:
     slow = NEAR_EAST.replace(swarm={"a_max": 0.02, "velocity": [1.9, 0.0]})
     behind = {"center": [-1.9, 0.0], "radius": 0.2}  # in reach, but not with this acceleration

@@ -99,6 +99,7 @@ def test_isolated_answers_equal_those_of_solver():
     assert pickle.loads(pickle.dumps(isolated)) == isolated
 
 
+@pytest.mark.slow
 def test_isolated_stops_after_repeated_crashes():
     solver = Isolated(Faulty("exit"), time_limit=20.0)
     solutions = solver.solve(*goals(*np.zeros((6, 2))))
@@ -200,6 +201,7 @@ def guide():
     return csw.plan(PAPER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [
@@ -342,6 +344,7 @@ def test_warm_up_that_ends_the_process_is_given_up() -> None:
     solver.close()
 
 
+@pytest.mark.slow
 def test_compare_warms_up_a_solver_after_it_ended_its_process() -> None:
     runs = csw.compare(
         _problems("fine", "deadly", "other"), Counting(), time_limit=30, record_iterates=False

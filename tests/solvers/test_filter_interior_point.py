@@ -84,6 +84,7 @@ def valleys(seed: int, count: int) -> Instances:
     return instances(x0, p, lbx=[-1.5, -INF], ubx=[1.5, INF], lbg=[-INF, -0.5], ubg=[1.0, INF])
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 6))
 def test_answers_do_not_depend_on_the_rest_of_the_batch(seed: int, count: int) -> None:

@@ -35,6 +35,7 @@ print(int(solution.success.sum()), resource.getrusage(resource.RUSAGE_SELF).ru_m
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("program", "size"), [(masses, 60), (elliptic_control, 20)])
 def test_solutions_are_those_of_ipopt(
     program: Callable[..., tuple[Nlp, Instances]], size: int

@@ -347,6 +347,7 @@ for name in {names!r}:
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_every_solver() -> None:
     names = [name for name in GENERAL if not SOLVERS[name].unavailable()]
     script = INTERRUPTED.format(tests=str(Path(__file__).parents[1] / "helpers"), names=names)

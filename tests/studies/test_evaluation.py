@@ -238,6 +238,7 @@ def test_estimate_contains_exact_value(guide):
     assert csw.estimate(PAPER, "leader", 2000, max_states=300, guide=guide).success == (low, high)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runs", [60, 100])
 def test_estimate_covers_exact_value_at_its_level(runs):
     given = SMALL.with_values({"swarm.velocity": [1.0, 0.0]})

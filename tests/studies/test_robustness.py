@@ -65,6 +65,7 @@ class Hasty(SpectralProjectedGradient):
         return run
 
 
+@pytest.mark.slow
 def test_auto_verifies_answers_of_batch_solver():
     guide = csw.plan(PAPER)
     honest, lied_to = (
@@ -75,6 +76,7 @@ def test_auto_verifies_answers_of_batch_solver():
     assert (lied_to["success"] == honest["success"]).all()
 
 
+@pytest.mark.slow
 def test_naive_member_without_guide_steers_at_target():
     far = PAPER.with_values({"swarm.positions": [[0.0, 0.0], [0.1, 0.0], [-30.0, -30.0]]})
     assert not plan_from(far, (-30.0, -30.0)).arrives
@@ -82,6 +84,7 @@ def test_naive_member_without_guide_steers_at_target():
     assert (study.runs["solver_failures"] > 0).all()
 
 
+@pytest.mark.slow
 def test_naive_member_guides_use_search_of_guide():
     scenario = PAPER.with_values({"guide.arrival": "any"})
     guide = csw.plan(scenario, search="global")

@@ -56,6 +56,7 @@ def test_guide_problems_are_those_of_the_search(scenario) -> None:
     assert solution.status.success
 
 
+@pytest.mark.slow
 def test_comparison_profile_and_report_of_own_problems(formations, tmp_path: Path) -> None:
     named = csw.Problem.from_casadi({"x": X, "f": ca.sumsqr(X - 1)}, "bowl", x0=3)
     named.to_nl(tmp_path / "bowl.nl")
