@@ -93,8 +93,8 @@ def threads(number: int) -> Iterator[None]:
 
 def processor_times(
     first: Callable[[], object], second: Callable[[], object], repeats: int, calls: int
-) -> tuple[float, float, float]:
-    """As `in_turn`, per call in processor time, which other work on the machine changes less."""
+) -> tuple[float, float, np.ndarray]:
+    """Medians and quartiles of ratios in turn, of processor time, which other work changes less."""
 
     def several(work: Callable[[], object]) -> float:
         return timed(lambda: [work() for _ in range(calls)]).cpu / calls
@@ -106,7 +106,11 @@ def processor_times(
         more = range(min(repeats, max(7, affordable)) - 1)
         pairs += [(several(first), several(second)) for _ in more]
     ones, others = np.array(pairs).T
-    return float(np.median(ones)), float(np.median(others)), float(np.median(others / ones))
+    return (
+        float(np.median(ones)),
+        float(np.median(others)),
+        np.percentile(others / ones, (25, 50, 75)),
+    )
 
 
 def one_core(quick: bool) -> Iterator[list[str]]:
@@ -130,9 +134,11 @@ def one_core(quick: bool) -> Iterator[list[str]]:
                 except ImportError as error:
                     cells.append(f"{1e6 * timed(work, repeats).wall / size:.2f} us; {error}")
                     continue
-                own, other, ratio = processor_times(work, program, repeats, large // size)
+                own, other, ratios = processor_times(work, program, repeats, large // size)
+                low, ratio, high = ratios
                 cells.append(
-                    f"{1e6 * own / size:.2f} us; {1e6 * other / size:.2f} us; {ratio:.2f} x"
+                    f"{1e6 * own / size:.2f} us; {1e6 * other / size:.2f} us; "
+                    f"{ratio:.2f} ({low:.2f} to {high:.2f}) x"
                 )
             decision = decide(task, large)()
             cells.append(f"{decision.fallbacks.sum()} / {decision.failures.sum()}")  # type: ignore[attr-defined]
@@ -159,7 +165,7 @@ COLUMNS = {
         "problem; states",
         "one state, a call",
         "Ipopt alone",
-        "batch of 500: casswarm; JAX; ratio",
+        "batch of 500: casswarm; JAX; ratio (quartiles)",
         "batch of 10,000 (--quick: 2,000)",
         "fallbacks / failures",
     ),

@@ -45,7 +45,7 @@ HEADER = """\
 # Leaderboard
 
 Success of policies in the built-in scenarios, best first. `trained` is the policy of
-[policy gradients](policy-gradients.md#a-trained-policy); the others are
+[policy gradients](measured-environments.md#a-trained-policy); the others are
 [described here](policies.md). `python benchmarks/leaderboard.py barricade module:function` prints
 the rows of a scenario with that of a policy of your own, which the function returns for a scenario
 and a guide. An entry of your own, of a policy or a solver, is [a manifest](#entries).

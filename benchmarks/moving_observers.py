@@ -14,6 +14,7 @@ the rate 1 / (r^2 + 0.1), and the evader does not know which. The observers' equ
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 
 import numpy as np
@@ -91,8 +92,8 @@ def main() -> None:
                 f"{seconds:.0f}",
             )
         )
-        print(rows[-1], flush=True)
-    header = ("steps", "equilibrium", "at least", "risk", "gap", "paths", "seconds")
+        print(rows[-1], file=sys.stderr, flush=True)
+    header = ("steps", "equilibrium", "risk at least", "at most", "gap", "paths", "seconds")
     print_table(header, rows)
 
 

@@ -119,10 +119,12 @@ def speed(quick: bool) -> None:
         distribution = csw.evaluate(scenario, policy, 1e-2, guide=guide)
         took = time.perf_counter() - started
         low, high = distribution.success
-        print(f"{policy.name}: {low:.4f} to {high:.4f}, {distribution.states} states, {took:.1f} s")
+        print(
+            f"{policy.name}: {low:.4f} to {high:.4f}, {distribution.states} states, {took:.1f} s\n"
+        )
         policy = make_policy(named(problem, 8), scenario, guide)
         took = timed(lambda policy=policy: csw.simulate(scenario, [policy], 1000, guide=guide)).wall
-        print(f"{policy.name}: 1000 runs in {took:.1f} s")
+        print(f"{policy.name}: 1000 runs in {took:.1f} s\n")
 
 
 def measured(scenario: csw.Scenario, guide: csw.Guide, name: str, quick: bool) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import resource
+import sys
 import time
 
 import numpy as np
@@ -81,7 +82,7 @@ def main() -> None:
                 f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB",
             )
         )
-        print(rows[-1], flush=True)
+        print(rows[-1], file=sys.stderr, flush=True)
     header = ("seed", "cases", "ambiguity", "value", "at most", "gap", "pure", "known", "paths")
     print_table((*header, "seconds", "of them bound", "values", "memory"), rows)
 

@@ -42,7 +42,7 @@ def test_page_with_marked_examples_runs(page: Path, tmp_path: Path) -> None:
 
 
 def test_how_to_pages_have_only_tested_python() -> None:
-    for name in ("own-rates", "own-policies", "own-solvers", "quickstart"):
+    for name in ("own-rates", "own-policies", "own-solvers", "quickstart", "infeasible-problems"):
         page = ROOT / "docs" / f"{name}.md"
         shown = page.read_text(encoding="utf-8").count("\n```python\n")
         assert shown == sum(block.language == "python" for block in blocks(page)) > 0
@@ -105,6 +105,21 @@ def test_lines_of_page_are_short(page: Path) -> None:
     )
     breakable = re.sub(r"`[^`\n]+`|\$[^$\n]+\$|\]\([^)\n]*\)", "", text)
     assert [line for line in breakable.splitlines() if len(line) > 100] == []
+
+
+def toctree(caption: str) -> list[str]:
+    """Pages of the site below a caption."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    (pages,) = re.findall(rf"^:caption: {caption}\n(?::.*\n)*\n((?:.+\n)*)```$", index, re.M)
+    return [page for page in str(pages).split() if "*" not in page]
+
+
+@pytest.mark.parametrize("name", toctree("Getting started") + toctree("Use"))
+def test_page_of_use_is_read_in_minutes(name: str) -> None:
+    """At most 800 words without headings, examples and tables: the rest is mathematics."""
+    text = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    prose = re.sub(r"^ *(```+).*?^ *\1$|^ *\|.*?$|^#.*?$", "", text, flags=re.M | re.S)
+    assert len(prose.split()) <= 800
 
 
 def test_glossary_has_every_public_name() -> None:

@@ -1,4 +1,4 @@
-"""The page on figures is correct: pictures exist and are small, commands and code work."""
+"""The pages on figures are correct: pictures exist and are small, commands and code work."""
 
 import re
 import runpy
@@ -12,7 +12,10 @@ from commands import python
 from casswarm.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
+PAGE = "".join(
+    (ROOT / "docs" / name).read_text(encoding="utf-8")
+    for name in ("figures.md", "figure-catalogue.md")
+)
 LINKED = re.findall(r"!\[[^]]+\]\((images/[^)]+)\)", PAGE)
 
 
