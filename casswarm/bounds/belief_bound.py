@@ -1,6 +1,6 @@
 """Upper bounds on the mean survival over cases of every path, on nodes and beliefs.
 
-``docs/unknown-hazards.md`` proves them. With weights q of K cases and what a visit leaves of each,
+``docs/mixtures.md`` proves them. With weights q of K cases and what a visit leaves of each,
 the value of a path is convex and not increasing in its K risks, so a path that is rounded to nodes
 with one random offset has at least its value in the mean. The value after a visit, (A3),
 

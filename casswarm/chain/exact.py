@@ -5,7 +5,7 @@ every state once and splits it by which members survive. `StateSpaceExpansion.ex
 probable states first, in rounds of decreasing thresholds, until the residual mass is within
 tolerance; `sample_residual` samples the states that it leaves (``docs/chain.md``).
 `StateSpaceExpansion.layers` goes through the steps once and keeps the edges between the states, for
-derivatives (``docs/policy-gradients.md``).
+derivatives (``docs/policy-gradient-law.md``).
 """
 
 from __future__ import annotations

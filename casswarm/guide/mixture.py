@@ -3,7 +3,7 @@
 A single agent observes only that it lives, so a policy is a path, or a distribution over paths that
 is drawn before the start. Against all priors in Q, the best mixture is the solution of a matrix
 game over paths, which are added one by one: the best path against the worst prior so far, by the
-guide's program with the objective of several cases. ``docs/unknown-hazards.md`` has the theory.
+guide's program with the objective of several cases. ``docs/mixtures.md`` has the theory.
 """
 
 from __future__ import annotations
