@@ -3,8 +3,8 @@
 For every history of losses, the states and their probabilities are smooth functions of the
 parameters, but for kinks of measure zero. A forward sweep enumerates the states, step by step
 (`StateSpaceExpansion.layers`); a backward sweep gives the value of every state and its derivatives
-(the adjoint recursion of ``docs/policy-gradient-law.md``). Equal states are one state: the value of a
-state does not depend on how it was reached.
+(the adjoint recursion of ``docs/policy-gradient-law.md``). Equal states are one state: the value of
+a state does not depend on how it was reached.
 """
 
 from __future__ import annotations
