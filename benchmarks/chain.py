@@ -13,6 +13,8 @@ are shared, so CPU times are given beside wall-clock times, and ratios are of on
 
 from __future__ import annotations
 
+from inspect import getdoc
+
 import pandas as pd
 from _chain_exact import distributions, prediction, versus
 from _chain_growth import growth, growth_chart, sweep
@@ -42,7 +44,7 @@ def main() -> None:
     for name in options.parts:
         table = pd.DataFrame(PARTS[name](options.quick))
         table.to_csv(options.out / f"{name}.csv", index=False)
-        print(f"\n{PARTS[name].__doc__}\n")
+        print(f"\n{getdoc(PARTS[name])}\n")
         print_table(list(table.columns), table.itertuples(index=False))
         if name == "growth":
             growth_chart(table, options.out / "growth.png")

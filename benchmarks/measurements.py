@@ -4,12 +4,12 @@ Run in a checkout, with the installed package::
 
     python benchmarks/measurements.py                     # a line for every table
     python benchmarks/measurements.py --check             # fails if a table is too old, as in CI
-    python benchmarks/measurements.py two-members horizons    # make these tables again
+    python benchmarks/measurements.py joint-bound chain-coverage    # make these tables again
 
 ``docs/measured/tables.toml`` has the command of every table, and the files and folders whose code
 it measures. What the command prints is ``docs/measured/NAME.inc``, which a page includes, below the
-command, the day, and a fingerprint of that code: of its lines without docstrings, comments and
-blanks. Where the code has other lines now, the table is too old.
+command, the day, and a fingerprint of that code and of the script: of their lines without
+docstrings, comments and blanks. Where there are other lines now, the table is too old.
 """
 
 from __future__ import annotations
@@ -50,13 +50,18 @@ class Table(NamedTuple):
         return found[1] if found else ""
 
     @property
+    def sources(self) -> list[str]:
+        """The code that it measures, and the script that measures."""
+        return [*self.code, *re.findall(r"benchmarks/\w+\.py", self.command)]
+
+    @property
     def current(self) -> bool:
-        """Whether the table is of the code as it is."""
-        return self.made_from == fingerprint(self.code)
+        """True if the table is of the code as it is."""
+        return self.made_from == fingerprint(self.sources)
 
     def make(self) -> None:
         """Run the command, and keep what it prints."""
-        before = fingerprint(self.code)
+        before = fingerprint(self.sources)
         path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
         done = subprocess.run(
             self.command,
@@ -104,17 +109,18 @@ def main() -> int:
         parser.error(f"unknown table {', '.join(sorted(unknown))}; known: {', '.join(known)}")
     for name in options.names:
         known[name].make()
-    old = [table for table in known.values() if not table.current]
     if not options.check:
         for table in known.values():
-            print(f"{table.name:24} {'too old' if table in old else 'current':8} {table.command}")
-    for table in old if options.check else []:
+            print(f"{table.name:24} {'current' if table.current else 'too old':8} {table.command}")
+        return 0
+    old = [table for table in known.values() if not table.current]
+    for table in old:
         print(
-            f"{table.path.relative_to(ROOT)} is older than {', '.join(table.code)}: "
+            f"{table.path.relative_to(ROOT)} is older than {', '.join(table.sources)}: "
             f"python benchmarks/measurements.py {table.name}",
             file=sys.stderr,
         )
-    return int(options.check and bool(old))
+    return int(bool(old))
 
 
 if __name__ == "__main__":

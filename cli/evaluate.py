@@ -87,6 +87,7 @@ def evaluate(
         from ..studies.evaluation import expansion_options
         from ..studies.inputs import resolve_policy
 
+        # refuses what is not possible, before the work
         expansion_options(chosen, exact.tolerance, exact.max_states, memory=exact.memory)
         chosen_policies = named_policies(policies)
         folder = job.open("evaluate", chosen)
