@@ -113,7 +113,6 @@ def sweep(quick: bool) -> Rows:
                 "processor": cpu,
                 "seconds of points": results[workers].effort["seconds"].sum(),
                 "ratio": rows[0]["seconds"] / wall if rows else 1.0,
-                "goal": "1.7 x",
                 "same table": results[workers].table.equals(results[1].table),
             }
         )

@@ -70,12 +70,17 @@ def cases(quick: bool) -> dict[str, Scenario]:
     """Random and built-in scenarios, without acceleration limits and margin."""
     free = {"guide.acceleration_limited": False, "guide.search": "global", "guide.arrival": "any"}
     scenarios = {f"seed {seed}": random_geometry(seed) for seed in range(3 if quick else SEEDS)}
-    for name in list(csw.builtin_scenarios())[: 2 if quick else None]:
-        scenario = csw.load_scenario(name)
-        if len(scenario.cases) == 1:
-            values = free | {"guide.margin": 1e-6 * scenario.target.radius}
-            scenarios[name] = scenario.with_values(values)
+    for name, scenario in known(quick).items():
+        values = free | {"guide.margin": 1e-6 * scenario.target.radius}
+        scenarios[name] = scenario.with_values(values)
     return scenarios
+
+
+def known(quick: bool) -> dict[str, Scenario]:
+    """Built-in scenarios whose hazard is known."""
+    names = list(csw.builtin_scenarios())[: 2 if quick else None]
+    scenarios = {name: csw.load_scenario(name) for name in names}
+    return {name: each for name, each in scenarios.items() if len(each.cases) == 1}
 
 
 def planned(
@@ -152,9 +157,8 @@ def acceleration_limited(quick: bool) -> None:
     """
     proven_guide(csw.load_scenario("gauntlet"), 0.01)  # loads and compiles what is shared
     rows = []
-    for name in list(csw.builtin_scenarios())[: 2 if quick else None]:
-        values = {"guide.search": "global", "guide.arrival": "any"}
-        scenario = csw.load_scenario(name).with_values(values)
+    for name, own in known(quick).items():
+        scenario = own.with_values({"guide.search": "global", "guide.arrival": "any"})
         row: list[str] = []
         for gap in (0.005, 0.001):
             guide, certificate, took = proven_guide(scenario, gap)

@@ -15,11 +15,13 @@ which kernels are compiled or loaded.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from _timing import print_table
 
 import casswarm as csw
 from casswarm.solvers import Ipopt
@@ -136,46 +138,47 @@ def main() -> None:
     same, minimal, wrong, missed, proven, seconds = 0, 0, 0, 0, 0, []
     for seed in range(1, count + 1):
         program = planted(seed)
-        started = time.process_time()
-        found = program.explained()
-        seconds.append(time.process_time() - started)
+        found, took = explained(program)
+        seconds.append(took)
         if found.feasible is not False:
             missed += 1
-            print(f"seed {seed}: feasible = {found.feasible}; planted {sorted(program.rows)}")
+            print(f"seed {seed}: not explained; planted {sorted(program.rows)}", file=sys.stderr)
             continue
         proven += found.proven
         if not verified(program, found):
             wrong += 1
-            print(f"seed {seed}: wrong set {found}")
+            print(f"seed {seed}: wrong set {found}", file=sys.stderr)
         elif set(found.row_indices) == program.rows and set(found.variables) == program.variables:
             same += 1
         else:
             minimal += 1
-    print(
-        f"{count} infeasible programs: {same} planted sets, {minimal} other minimal sets, "
-        f"{wrong} wrong,"
-    )
-    print(
-        f"{missed} not explained; {proven} proven; CPU seconds: median {np.median(seconds):.2f}, "
-        f"largest {max(seconds):.2f}"
-    )
-    feasible, times = 0, []
+    points, times = 0, []
     for seed in range(1, count + 1):
-        started = time.process_time()
-        found = planted(seed, contradictory=False).explained()
-        times.append(time.process_time() - started)
-        feasible += found.feasible is True and found.violation <= 1e-6
-    print(
-        f"{count} feasible programs: {feasible} with a point; CPU seconds: median "
-        f"{np.median(times):.2f}, largest {max(times):.2f}"
+        found, took = explained(planted(seed, contradictory=False))
+        times.append(took)
+        points += found.feasible is True and found.violation <= 1e-6
+    answers = (
+        f"{same} planted sets, {minimal} other minimal ones, {wrong} wrong, "
+        f"{missed} not explained; {proven} proven"
     )
-    large = []
-    for seed in range(1, 1 + max(1, count // 10)):
-        program = planted(seed, rows=100)
-        started = time.process_time()
-        program.explained()
-        large.append(time.process_time() - started)
-    print(f"100 rows: CPU seconds: median {np.median(large):.2f}, largest {max(large):.2f}")
+    tenth = range(1, 1 + max(1, count // 10))
+    large = [explained(planted(seed, rows=100))[1] for seed in tenth]
+    rows = (
+        (f"{count} infeasible", answers, seconds),
+        (f"{count} feasible", f"a point of {points}", times),
+        (f"{len(large)} infeasible, 100 rows", "", large),
+    )
+    print_table(
+        ("programs", "answers", "CPU seconds, median", "largest"),
+        ((name, text, f"{np.median(t):.2f}", f"{max(t):.2f}") for name, text, t in rows),
+    )
+
+
+def explained(program: Planted) -> tuple[csw.Explanation, float]:
+    """An explanation, and its CPU seconds."""
+    started = time.process_time()
+    found = program.explained()
+    return found, time.process_time() - started
 
 
 if __name__ == "__main__":

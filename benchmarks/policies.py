@@ -6,12 +6,12 @@ Run with the installed package::
     python benchmarks/policies.py --quick    # two scenarios, wider bounds
     python benchmarks/policies.py --out results/policies    # also as CSV and a figure
 
-Prints a Markdown table a scenario. Success has proven bounds, where the budget of states suffices
-for one of width 0.01, and otherwise (marked ~) an interval with 95 % confidence, what the states
-leave being sampled. *Plan* is the time until the policy is ready (guide included), *decide*
-that of a step per distinct state, the chain's own work included, both in processor time. Policies
-that follow a guide get one that members can follow: its own limit on acceleration is a fifth of
-theirs.
+Prints two Markdown tables. Success is the middle of proven bounds, where the budget of states
+suffices for a width of 0.01, and otherwise (marked ~) that of an interval with 95 % confidence,
+what the states leave being sampled. *Planning* is the time until the policy is ready (guide
+included), *decision* that of a step per distinct state, the chain's own work included, both in
+processor time. Policies that follow a guide get one that members can follow: its own limit on
+acceleration is a fifth of theirs.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from _timing import print_table
 
 import casswarm as csw
 import casswarm.policies
@@ -96,7 +97,7 @@ def makers() -> dict[str, Maker]:
         f"leader, {rule}": partial(named, "leader", leader_selection=rule)
         for rule in ("first", "safest")
     }
-    names = [name for name in csw.policies.POLICIES if "mpc" not in name]
+    names = [name for name in csw.policies.POLICIES if "mpc" not in name and name != "optimal"]
     names += ["constrained-mpc-3", "leader-mpc-3", "leader-mpc-8"]
     return {name: partial(named, name) for name in names} | rules
 
@@ -135,18 +136,40 @@ def row(
     }
 
 
-def markdown_row(measured: dict[str, Any]) -> str:
-    """A row of the Markdown table."""
-    bounds = f"{measured['success_low']:.4f} to {measured['success_high']:.4f}"
-    columns = (
-        measured["policy"],
-        bounds if measured["exact"] else f"~ {bounds}",
-        f"{measured['infeasible']:.1f}",
-        f"{measured['failures']:.3g}",
-        f"{measured['planning_seconds']:.2f}",
-        f"{measured['decision_microseconds']:.0f}",
+def print_tables(table: pd.DataFrame) -> None:
+    """Print success by policy and scenario, and the ranges of times over scenarios."""
+    columns = {
+        name: rows.set_index("policy") for name, rows in table.groupby("scenario", sort=False)
+    }
+    success = [
+        (policy, *(_success(rows.loc[policy]) for rows in columns.values()))
+        for policy in table["policy"].unique()
+    ]
+    bounds = (
+        "upper bound",
+        *(f"{rounded_up(rows['bound'].iloc[0], 3):.3f}" for rows in columns.values()),
     )
-    return f"| {' | '.join(columns)} |"
+    print_table(("policy", *columns), [*success, bounds])
+    print()
+    times = table.groupby("policy", sort=False)[["planning_seconds", "decision_microseconds"]]
+    low, high = times.min(), times.max()
+    print_table(
+        ("policy", "planning, CPU seconds", "decision, us a step and state"),
+        (
+            (
+                policy,
+                f"{low.loc[policy].iloc[0]:.1f} to {high.loc[policy].iloc[0]:.1f}",
+                f"{low.loc[policy].iloc[1]:.0f} to {high.loc[policy].iloc[1]:.0f}",
+            )
+            for policy in low.index
+        ),
+    )
+
+
+def _success(measured: Any) -> str:
+    """Middle of bounds, or of an interval (~)."""
+    middle = (measured["success_low"] + measured["success_high"]) / 2
+    return f"{'' if measured['exact'] else '~'}{middle:.3f}"
 
 
 def write(path: Path, table: pd.DataFrame, options: dict[str, Any]) -> None:
@@ -174,7 +197,7 @@ def renew_bounds(path: Path) -> None:
 
 
 def main() -> None:
-    """Print the tables; with --out FOLDER, also write table, figure, README and run.json.
+    """Print two tables; with --out FOLDER, also write table, figure, README and run.json.
 
     With --bounds FOLDER only the bounds there are computed again.
     """
@@ -189,14 +212,11 @@ def main() -> None:
         guide = csw.plan(scenario)
         planned = time.process_time() - started
         bound = upper_bound(scenario, 1e6 if quick else 1.5e8)
-        alone = f"an isolated agent survives with {guide.survival:.4f}"
-        print(f"\n{name}: {alone}, no policy exceeds {bound:.6f}\n")
-        print("| policy | success | infeasible | failures | plan, s | decide, us |")
-        print("| --- | --- | --- | --- | --- | --- |")
         for policy, make in makers().items():
             measured = row(scenario, guide, planned, make, options)
             rows.append({"scenario": name, "policy": policy, "bound": bound} | measured)
-            print(markdown_row(rows[-1]), flush=True)
+            print(f"{name}: {policy}", file=sys.stderr)
+    print_tables(pd.DataFrame(rows))
     if "--out" in sys.argv:
         write(Path(sys.argv[sys.argv.index("--out") + 1]), pd.DataFrame(rows), options)
 

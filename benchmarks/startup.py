@@ -150,7 +150,8 @@ def simulate(python: str) -> list[object]:
             before = sum(os.times()[2:4])
             run(python, code, str(Path(folder) / "cache"))
             used.append(sum(os.times()[2:4]) - before)
-    return ["simulate", python, *(f"{seconds:.2f}" for seconds in used)]
+    name = "this" if python == sys.executable else python
+    return ["simulate", name, *(f"{seconds:.2f}" for seconds in used)]
 
 
 def own_seconds(records: list[Any], label: Callable[[Any], str]) -> Counter[str]:

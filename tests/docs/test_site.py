@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Site built without executing notebooks, which .ci/run does."""
+    """Site built without executing notebooks, which `test_notebooks` does."""
     folder = tmp_path_factory.mktemp("site")
     options = ("-q", "-W", "--keep-going", "-b", "html", "-D", "nb_execution_mode=off")
     places = ("-d", folder / "trees", "docs", folder / "html")
