@@ -13,11 +13,8 @@ medians per state; every other program runs in turn with casswarm's, so that rat
 
 from __future__ import annotations
 
-import os
 import statistics
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -25,6 +22,7 @@ import numpy as np
 from _timing import arguments, in_turn, print_table, timed
 
 import casswarm as csw
+from casswarm._util.silence import silence
 from casswarm.formation import Auto
 from casswarm.formation.objective import start_count
 from casswarm.formation.task import LEADER_SELECTION, FormationTask, or_none
@@ -120,19 +118,6 @@ def opti(nlp: Nlp, instances: Instances) -> float:
     return statistics.median(timed(lambda row=row: one(row)).wall for row in range(len(instances)))
 
 
-@contextmanager
-def _output_to_stderr() -> Iterator[None]:
-    """Send what this process and its children print elsewhere than the table."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-
-
 def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
     """All states one by one by alpaqa's PANOC in an augmented Lagrangian, generated C."""
     import alpaqa as pa
@@ -142,7 +127,7 @@ def alpaqa(nlp: Nlp, instances: Instances) -> Callable[[], object]:
     wide = np.inf * np.ones(nlp.sizes[2])
     free = np.inf * np.ones(nlp.sizes[0])
     described = pa.minimize(f, x).subject_to_box((-free, free)).subject_to(g, (-wide, wide))
-    with _output_to_stderr():
+    with silence():  # of the compiler
         problem = described.with_param(p, instances.p[0]).compile(sym=ca.SX.sym)
     inner = pa.PANOCSolver({"max_iter": 500}, {"memory": 10})
     solver = pa.ALMSolver({"tolerance": 1e-7, "dual_tolerance": 1e-7, "max_iter": 50}, inner)
